@@ -11,10 +11,10 @@ use cases::runner::{End, Failed, Running, Terms, Work};
 use serde::{Deserialize, Serialize};
 use storage::{NewJob, Spooled, StoreError};
 
-use crate::background::{TransferError, end};
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
+use crate::transfer::{TransferError, end};
 use crate::values::ArrivalSource;
 
 /// Fetches a series.

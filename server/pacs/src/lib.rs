@@ -29,6 +29,7 @@ mod series;
 mod state;
 mod store;
 mod stow;
+mod transfer;
 mod transfers;
 mod values;
 

@@ -9,11 +9,11 @@ use case::{Failure, JobKind};
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
 
-use crate::background::{TransferError, end};
 use crate::node::NodeError;
 use crate::series::Contradiction;
 use crate::state::Pacs;
-use crate::store::{SEND, SentResult};
+use crate::transfer::{TransferError, end};
+use crate::values::{SEND, SentResult};
 
 /// The terms of a delivery.
 const TERMS: Terms = Terms {

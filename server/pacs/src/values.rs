@@ -1,4 +1,4 @@
-//! What comes from a PACS: series that arrive.
+//! What comes from a PACS, series that arrive, and the results that are sent to it.
 //!
 //! Each instance is an object that its arrival refers to, from the moment it is acknowledged until its series is
 //! forgotten. A series is due when nothing has come for it for a while; reading it is then a job. An image that comes
@@ -8,10 +8,10 @@ use std::time::Duration;
 
 use case::images::{Closed, Fingerprint};
 use case::series::{AccessionNumber, SeriesUids, Uid};
-use case::{CaseId, CaseState, Failure, JobKind, JobState, ObjectKind};
+use case::{CaseId, CaseState, Failure, JobKind, JobState, LayerId, ObjectKind};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use storage::ObjectName;
+use storage::{Job, ObjectName};
 
 /// Reads a series that came.
 pub(crate) const SERIES: JobKind = JobKind::new("series", "reading");
@@ -317,4 +317,101 @@ pub(crate) struct DueImage {
     pub(crate) object: ObjectName,
     /// How often it was sent.
     pub(crate) times: u64,
+}
+
+/// Sends a result, whose id is the key of the job.
+pub(crate) const SEND: JobKind = JobKind::new("send", "delivery");
+
+/// The series of a result, which has no other instance.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct ResultSeries {
+    /// The class of the result.
+    pub(crate) sop_class_uid: Uid,
+    pub(crate) series_uid: Uid,
+}
+
+/// A result to be sent.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct NewResult {
+    /// The case that it was made from.
+    pub(crate) case: CaseId,
+    /// The name of the node.
+    pub(crate) node: String,
+    pub(crate) study: Uid,
+    pub(crate) series: ResultSeries,
+    /// The result.
+    pub(crate) instance: Uid,
+    /// The layers of the case that it shows, or may show.
+    pub(crate) layers: Vec<LayerId>,
+    /// The digest of its file, which is an object of the kind `result`.
+    pub(crate) digest: blake3::Hash,
+}
+
+impl NewResult {
+    /// The object with its file.
+    pub(crate) fn object(&self) -> ObjectName {
+        result_object(self.digest)
+    }
+}
+
+pub(crate) fn result_object(digest: blake3::Hash) -> ObjectName {
+    ObjectName {
+        kind: ObjectKind::Result,
+        digest,
+    }
+}
+
+/// Why a result that was sent does not count any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum NotValid {
+    /// A rejection note of ours has withdrawn it.
+    Withdrawn,
+    /// Its case, or a layer that it shows or may show, is closed.
+    Closed(Closed),
+}
+
+impl NotValid {
+    /// The word in answers.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Withdrawn => "withdrawn",
+            Self::Closed(_) => "closed",
+        }
+    }
+
+    /// The reason as a sentence without its end.
+    pub(crate) fn sentence(self) -> String {
+        match self {
+            Self::Withdrawn => "it was withdrawn by a rejection note".to_owned(),
+            Self::Closed(why) => format!(
+                "it is closed: {}; request it again of what the PACS has now",
+                why.sentence()
+            ),
+        }
+    }
+}
+
+/// A result that is sent, or was.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SentResult {
+    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    pub(crate) id: String,
+    /// The case that it was made from.
+    pub(crate) case: CaseId,
+    /// The name of the node.
+    pub(crate) node: String,
+    pub(crate) study: Uid,
+    pub(crate) series: ResultSeries,
+    /// The result.
+    pub(crate) instance: Uid,
+    /// The object with its file.
+    pub(crate) object: ObjectName,
+    /// The layers of the case that it shows, or may show.
+    pub(crate) layers: Vec<LayerId>,
+    /// When it was first requested.
+    pub(crate) created_at: Timestamp,
+    /// Why it does not count any more.
+    pub(crate) not_valid: Option<NotValid>,
+    /// The job that sends it, or did.
+    pub(crate) job: Option<Job>,
 }

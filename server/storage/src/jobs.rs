@@ -74,6 +74,12 @@ pub(crate) fn layer_key(case: &CaseId, layer: &LayerId) -> String {
     format!("{case}/{layer}")
 }
 
+/// The layer that a key is about.
+pub(crate) fn layer_of_key(key: &str) -> Option<(CaseId, LayerId)> {
+    let (case, layer) = key.split_once('/')?;
+    CaseId::parse(case).zip(LayerId::parse(layer))
+}
+
 /// A job, open or ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {
@@ -131,7 +137,7 @@ pub struct Claim {
 impl Claim {
     /// The layer that the job is about, if it is about one.
     pub fn layer(&self) -> Option<(CaseId, LayerId)> {
-        crate::sql::layers::of_key(&self.key)
+        layer_of_key(&self.key)
     }
 }
 

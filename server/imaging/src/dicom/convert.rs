@@ -2,9 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use dicom_core::{Tag, VR};
-use dicom_dictionary_std::tags;
-use dicom_object::InMemDicomObject;
+use dicom_core::Tag;
 use geometry::{Grid, Rescale};
 
 use super::attributes::{kept, wanted};
@@ -12,9 +10,9 @@ use super::choose::{Purpose, Series, choose, group};
 use super::deidentify::deidentified_file;
 use super::fingerprint::{Fingerprint, Unfinished};
 use super::header::{Image, parse, read_image, stated_place};
-use super::numbers::integer;
+use super::loss::lost;
 use super::pixels::for_each_frame;
-use super::scan::{PixelBytes, Scanned, Wanted, scan, scan_as_far_as_sound, stated_syntax};
+use super::scan::{Scanned, Wanted, scan, scan_as_far_as_sound};
 use super::series::token_of;
 use super::stack::{FrameIndex, Stack, stack};
 use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary, UnreadFile};
@@ -435,64 +433,6 @@ fn fill_gaps(samples: &mut [f32], stack: &Stack, whole: bool) -> Vec<usize> {
         }
     }
     missing.into_iter().map(|place| place + 1).collect()
-}
-
-/// How the pixels of a file have lost something according to its transfer syntax (PS3.3 C.7.6.1.1.5): keywords, tags and
-/// values of the attributes that state it; none if nothing was lost.
-pub(super) fn lost(
-    file: &[u8],
-    scanned: &Scanned,
-    object: &InMemDicomObject,
-) -> Result<Vec<(&'static str, Tag, VR, String)>, DicomError> {
-    let syntax = stated_syntax(file)?;
-    let rest = syntax
-        .as_deref()
-        .and_then(|uid| uid.strip_prefix("1.2.840.10008.1.2.4."));
-    let method = match rest {
-        Some("50" | "51") => "ISO_10918_1",
-        Some("81") => "ISO_14495_1",
-        Some("91") => "ISO_15444_1",
-        _ => return Ok(Vec::new()),
-    };
-    let mut stated = vec![
-        (
-            "LossyImageCompression",
-            tags::LOSSY_IMAGE_COMPRESSION,
-            VR::CS,
-            "01".to_owned(),
-        ),
-        (
-            "LossyImageCompressionMethod",
-            tags::LOSSY_IMAGE_COMPRESSION_METHOD,
-            VR::CS,
-            method.to_owned(),
-        ),
-    ];
-    if let Some(ratio) = ratio(scanned, object) {
-        let tag = tags::LOSSY_IMAGE_COMPRESSION_RATIO;
-        stated.push((
-            "LossyImageCompressionRatio",
-            tag,
-            VR::DS,
-            format!("{ratio:.2}"),
-        ));
-    }
-    Ok(stated)
-}
-
-/// How many times as many bytes the pixels of a file have without compression.
-fn ratio(scanned: &Scanned, object: &InMemDicomObject) -> Option<f64> {
-    let Some(PixelBytes::Encapsulated { fragments, .. }) = scanned.pixels() else {
-        return None;
-    };
-    let compressed: usize = fragments.iter().map(|fragment| fragment.len()).sum();
-    let number = |tag| integer(object, tag);
-    let frames = number(tags::NUMBER_OF_FRAMES).unwrap_or(1);
-    let bits = number(tags::ROWS)? as f64
-        * number(tags::COLUMNS)? as f64
-        * number(tags::BITS_ALLOCATED)? as f64
-        * frames as f64;
-    (compressed > 0).then(|| (bits / 8.0 / compressed as f64).max(1.0))
 }
 
 /// The attributes of the first slice.

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::attributes::wanted;
-use super::convert::lost;
 use super::header::{Frame, Image, parse, read_image};
+use super::loss::lost;
 use super::numbers::text;
 use super::pixels::for_each_frame;
 use super::scan::{Scanned, scan};

@@ -31,6 +31,7 @@ mod jpeg_lossless;
 mod jpeg_ls;
 mod json;
 mod label;
+mod loss;
 mod marks;
 mod numbers;
 mod pet;

@@ -26,10 +26,10 @@ use render::{
 use report::ReportFormat;
 
 use super::draw::Drawing;
-use super::moment::Moment;
+use super::moment::{Moment, value};
 use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
 use crate::state::Pacs;
-use crate::store::ResultSeries;
+use crate::values::ResultSeries;
 use http::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
@@ -524,12 +524,6 @@ fn is_writable(name: &str, value: &str) -> bool {
         "StudyDescription" => value.chars().count() <= 64,
         _ => true,
     }
-}
-
-pub(super) fn value<'a>(source: &'a Attributes, keyword: &str) -> Option<&'a str> {
-    let mut attributes = source.attributes.iter();
-    let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
-    found.map(|(_, value)| value.as_str())
 }
 
 /// Equal requests about equal cases have equal digests.

@@ -21,7 +21,7 @@ use self::request::ResultRequest;
 use crate::error::ReasonView;
 use crate::rendered::media::accepted_ranges;
 use crate::state::Pacs;
-use crate::store::{NewResult, NotValid, SentResult};
+use crate::values::{NewResult, NotValid, SentResult};
 use http::fresh::fresh_json;
 use http::problem::AppError;
 use http::sent::json_body;

@@ -5,8 +5,6 @@ use jiff::Timestamp;
 use jiff::civil::{Date, DateTime, Time};
 use jiff::tz::{Offset, TimeZone};
 
-use super::compose::value;
-
 /// A moment as DICOM writes it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Moment {
@@ -39,6 +37,13 @@ impl Moment {
             offset: offset.map(text_of),
         }
     }
+}
+
+/// The value of an attribute, unless it is empty.
+pub(super) fn value<'a>(source: &'a Attributes, keyword: &str) -> Option<&'a str> {
+    let mut attributes = source.attributes.iter();
+    let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
+    found.map(|(_, value)| value.as_str())
 }
 
 /// An offset as DICOM writes it (PS3.3 C.12.1.1.8).

@@ -4,8 +4,8 @@ use std::collections::HashSet;
 
 use storage::{Copied, Made, ObjectName, StoreError};
 
-use super::{PacsStore, SentResult};
-use crate::values::{Arrival, ArrivalQuery, NewInstance, TransferQuery};
+use super::PacsStore;
+use crate::values::{Arrival, ArrivalQuery, NewInstance, SentResult, TransferQuery};
 
 /// Rows to read at a time.
 const ROWS_AT_ONCE: usize = 100;

@@ -31,7 +31,6 @@ use storage::{Claim, ListCursor, NewJob, ObjectName, Store, StoreError};
 pub use self::copy::{CopiedStep, OfPacs};
 use self::counts::ImageCounts;
 pub use self::counts::ImageStatus;
-pub(crate) use self::sent::{NewResult, NotValid, ResultSeries, SEND, SentResult};
 pub use self::tables::PacsTables;
 use crate::values::{
     Arrival, ArrivalQuery, ArrivalSource, DueSeries, DueTerms, LastImage, MadeCase, NewInstance,

@@ -12,8 +12,8 @@ use storage::{Job, ListCursor, Made, NewJob, ObjectName, StoreError};
 
 use super::columns::count;
 use super::images;
-use super::sent::{NewResult, NotValid, ResultSeries, SEND, SentResult, object};
 use crate::values::TransferQuery;
+use crate::values::{NewResult, NotValid, ResultSeries, SEND, SentResult, result_object};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -255,7 +255,7 @@ async fn abandon(connection: &mut Connection, rows: &[Row], now: i64) -> Result<
 fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
     let digest: String = row.get("digest")?;
     let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
-    Ok(object(digest))
+    Ok(result_object(digest))
 }
 
 fn read_case_of(row: &Row) -> Result<CaseId, StoreError> {

@@ -2,113 +2,14 @@
 //! acknowledged, so every attempt sends the same bytes.
 
 use bytes::Bytes;
-use case::images::{Closed, Image};
+use case::images::Image;
 use case::series::Uid;
-use case::{CaseId, JobKind, LayerId, ObjectKind};
-use jiff::Timestamp;
 use storage::Pinned;
 use storage::tables::{Referred, Writing, pins};
-use storage::{Job, ListCursor, ObjectName, StoreError};
+use storage::{ListCursor, ObjectName, StoreError};
 
 use super::{PacsStore, results};
-use crate::values::TransferQuery;
-
-/// Sends a result, whose id is the key of the job.
-pub(crate) const SEND: JobKind = JobKind::new("send", "delivery");
-
-/// The series of a result, which has no other instance.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct ResultSeries {
-    /// The class of the result.
-    pub(crate) sop_class_uid: Uid,
-    pub(crate) series_uid: Uid,
-}
-
-/// A result to be sent.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct NewResult {
-    /// The case that it was made from.
-    pub(crate) case: CaseId,
-    /// The name of the node.
-    pub(crate) node: String,
-    pub(crate) study: Uid,
-    pub(crate) series: ResultSeries,
-    /// The result.
-    pub(crate) instance: Uid,
-    /// The layers of the case that it shows, or may show.
-    pub(crate) layers: Vec<LayerId>,
-    /// The digest of its file, which is an object of the kind `result`.
-    pub(crate) digest: blake3::Hash,
-}
-
-impl NewResult {
-    /// The object with its file.
-    pub(crate) fn object(&self) -> ObjectName {
-        object(self.digest)
-    }
-}
-
-pub(super) fn object(digest: blake3::Hash) -> ObjectName {
-    ObjectName {
-        kind: ObjectKind::Result,
-        digest,
-    }
-}
-
-/// Why a result that was sent does not count any more.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum NotValid {
-    /// A rejection note of ours has withdrawn it.
-    Withdrawn,
-    /// Its case, or a layer that it shows or may show, is closed.
-    Closed(Closed),
-}
-
-impl NotValid {
-    /// The word in answers.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::Withdrawn => "withdrawn",
-            Self::Closed(_) => "closed",
-        }
-    }
-
-    /// The reason as a sentence without its end.
-    pub(crate) fn sentence(self) -> String {
-        match self {
-            Self::Withdrawn => "it was withdrawn by a rejection note".to_owned(),
-            Self::Closed(why) => format!(
-                "it is closed: {}; request it again of what the PACS has now",
-                why.sentence()
-            ),
-        }
-    }
-}
-
-/// A result that is sent, or was.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct SentResult {
-    /// Its name in addresses: 32 hexadecimal digits without a meaning.
-    pub(crate) id: String,
-    /// The case that it was made from.
-    pub(crate) case: CaseId,
-    /// The name of the node.
-    pub(crate) node: String,
-    pub(crate) study: Uid,
-    pub(crate) series: ResultSeries,
-    /// The result.
-    pub(crate) instance: Uid,
-    /// The object with its file.
-    pub(crate) object: ObjectName,
-    /// The layers of the case that it shows, or may show.
-    pub(crate) layers: Vec<LayerId>,
-    /// When it was first requested.
-    pub(crate) created_at: Timestamp,
-    /// Why it does not count any more.
-    pub(crate) not_valid: Option<NotValid>,
-    /// The job that sends it, or did.
-    pub(crate) job: Option<Job>,
-}
+use crate::values::{NewResult, ResultSeries, SentResult, TransferQuery};
 
 impl PacsStore {
     /// Keeps a result and queues the job that sends it. Afterwards it is durable. The operation completes even if the caller drops the future.

@@ -8,8 +8,8 @@ use storage::args;
 use storage::tables::{Connection, Migrations, Row, Tables, unreadable};
 use storage::{Made, ObjectName, StoreError};
 
-use super::{SEND, arrivals, images, results};
-use crate::values::SERIES;
+use super::{arrivals, images, results};
+use crate::values::{SEND, SERIES};
 
 const SQLITE: &Migrations = &[(
     110,

@@ -15,9 +15,10 @@ use storage::{Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Options,
 use tempfile::TempDir;
 
 use super::conformance::{Subject, new_result, queue};
-use super::{CopiedStep, NewResult, OfPacs, PacsStore, PacsTables, SEND};
+use super::{CopiedStep, OfPacs, PacsStore, PacsTables};
 use crate::values::{
-    ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, Reception, SERIES, TransferQuery,
+    ArrivalSource, ArrivalState, DueTerms, NewInstance, NewResult, Outcome, Reception, SEND,
+    SERIES, TransferQuery,
 };
 
 const LEASE: Duration = Duration::from_secs(60);

@@ -2,7 +2,7 @@
 
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row, containing};
+use super::connection::{Connection, Row, Value, containing};
 use super::made::{self, read_closed};
 use super::{findings, jobs, layers, pins, upkeep};
 use crate::args;
@@ -82,7 +82,7 @@ pub(super) async fn submit(
 ) -> Result<Referred<Inserted>, StoreError> {
     let state = state(connection, &new.id).await?;
     if state.is_some() {
-        uploaded_again(connection, &new.id, now).await?;
+        upkeep::uploaded_again(connection, &new.id, now).await?;
     }
     if state.as_deref().is_some_and(|state| state != "failed") {
         make(connection, new).await?;
@@ -340,22 +340,6 @@ pub(super) async fn rename(
     Ok(())
 }
 
-/// Lets the age of a case count from now; whether it exists.
-pub(super) async fn uploaded_again(
-    connection: &mut Connection,
-    id: &CaseId,
-    now: i64,
-) -> Result<bool, StoreError> {
-    let changed = connection
-        .query(
-            "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
-            args![now, id.to_string()],
-        )
-        .execute()
-        .await?;
-    Ok(changed > 0)
-}
-
 /// Whether the case exists.
 pub(super) async fn keep(
     connection: &mut Connection,
@@ -551,7 +535,7 @@ pub(super) async fn page(
         (None, None, None, None) => select_listed!(""),
     };
     let label = query.label.as_deref();
-    let mut args = args![
+    let mut args: Vec<Value> = args![
         created_at,
         id,
         i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX),
@@ -560,7 +544,7 @@ pub(super) async fn page(
         query.state.map_or("", CaseState::name)
     ];
     if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
-        args.extend(args![study, series, number, patient]);
+        args.append(&mut args![study, series, number, patient]);
     }
     let rows = connection.query(statement, args).fetch_all().await?;
     let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -596,7 +580,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     Ok(Case {
         id,
         parameters: read_parameters(row)?,
-        state: read_state(row).ok_or_else(|| unreadable("state"))?,
+        state: jobs::read_state(row).ok_or_else(|| unreadable("state"))?,
         progress: progress.as_deref().map(serde_json::from_str).transpose()?,
         failure: failure
             .as_deref()
@@ -614,17 +598,4 @@ fn read(row: &Row) -> Result<Case, StoreError> {
         kept: row.get("kept")?,
         expires_at: None,
     })
-}
-
-/// The state of a case or a layer, and of its job.
-pub fn read_state(row: &Row) -> Option<CaseState> {
-    let state: String = row.get("state").ok()?;
-    let job: Option<String> = row.get("job_state").ok()?;
-    match (state.as_str(), job.as_deref()) {
-        ("queued", Some("running")) => Some(CaseState::Preparing),
-        ("queued", _) => Some(CaseState::Queued),
-        ("ready", _) => Some(CaseState::Ready),
-        ("failed", _) => Some(CaseState::Failed),
-        _ => None,
-    }
 }

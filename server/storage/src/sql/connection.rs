@@ -4,9 +4,14 @@
 //!
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
+use async_trait::async_trait;
+use case::images::Fingerprint;
+use case::series::Uid;
+use case::{CaseId, Failure, JobKind, ObjectKind};
 use futures_util::FutureExt as _;
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
@@ -17,10 +22,9 @@ use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqliteRow};
 use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 
 use super::{postgres, sqlite};
-use crate::StoreError;
 use crate::args;
-use crate::rows::Change;
-use crate::tables::Tables;
+use crate::rows::{Change, Made};
+use crate::{ObjectName, StoreError};
 
 /// A new id for a row: 32 hexadecimal digits without a meaning.
 pub fn new_id() -> String {
@@ -53,6 +57,89 @@ pub fn containing(text: &str) -> String {
 pub fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError> {
     Timestamp::from_microsecond(row.get(column)?).map_err(|_| unreadable("a time"))
 }
+
+/// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
+/// it has had, so what stands here never changes.
+pub type Migrations = [(i64, &'static str, &'static str)];
+
+/// Tables of another crate, whose rows refer to cases, objects and jobs of the store. A database that has them is opened with them only:
+/// whoever does not ask them removes their objects.
+#[async_trait]
+pub trait Tables: fmt::Debug + Send + Sync {
+    /// Those of SQLite and those of PostgreSQL. Their numbers follow those of the store.
+    fn migrations(&self) -> [&'static Migrations; 2] {
+        [&[], &[]]
+    }
+
+    /// Whether a row refers to an object, which then stays.
+    async fn needs(&self, _: &mut Connection, _object: &ObjectName) -> Result<bool, StoreError> {
+        Ok(false)
+    }
+
+    /// The next objects of a kind to which rows refer, by digest.
+    async fn objects(
+        &self,
+        _: &mut Connection,
+        _kind: ObjectKind,
+        _after: Option<&ObjectName>,
+        _limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        Ok(Vec::new())
+    }
+
+    /// Prepares for the deletion of a case: abandons the objects of the rows that go with it.
+    async fn leave_case(
+        &self,
+        _: &mut Connection,
+        _: &CaseId,
+        _now: i64,
+    ) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// The image that was sent last under a UID.
+    async fn last_sent(
+        &self,
+        _: &mut Connection,
+        _: &Uid,
+    ) -> Result<Option<Fingerprint>, StoreError> {
+        Ok(None)
+    }
+
+    /// Writes whether something is closed, by the images that it was made of.
+    async fn judge(&self, _: &mut Connection, _: &Made) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// Why a job with this key must not be done any more, which is asked when it is claimed.
+    async fn refusal(
+        &self,
+        _: &mut Connection,
+        _: JobKind,
+        _key: &str,
+    ) -> Result<Option<Failure>, StoreError> {
+        Ok(None)
+    }
+
+    /// Notes that a job with this key has failed for good.
+    async fn job_failed(
+        &self,
+        _: &mut Connection,
+        _: JobKind,
+        _key: &str,
+        _: &Failure,
+    ) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// The kind of the jobs that stay after their end until their row here goes.
+    fn kept_jobs(&self) -> Option<JobKind> {
+        None
+    }
+}
+
+/// No tables.
+impl Tables for () {}
 
 /// Connections to a database.
 #[derive(Debug, Clone)]
@@ -212,7 +299,7 @@ pub enum Value {
 /// Values of parameters, in their order.
 #[macro_export]
 macro_rules! args {
-    ($($value:expr),* $(,)?) => { vec![$($crate::tables::Value::from($value)),*] };
+    ($($value:expr),* $(,)?) => { vec![$($value.into()),*] };
 }
 
 /// Writes how values of these types become parameters.

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use case::{Failure, JobKind};
 
+use super::claims::{self, Wanted};
 use super::connection::microseconds;
-use super::jobs::{self, Wanted};
+use super::jobs;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
 use crate::{ListCursor, Store, StoreError};
 
@@ -101,7 +102,7 @@ impl Store {
         // Most queries find nothing and must not wait for writers.
         let mut reader = self.rows().connect().await?;
         let now = self.rows().now(&mut reader).await?;
-        let found = jobs::oldest_available(&mut reader, wanted, now).await?;
+        let found = claims::oldest_available(&mut reader, wanted, now).await?;
         drop(reader);
         if found.is_none() {
             return Ok(None);
@@ -109,7 +110,7 @@ impl Store {
         self.check_id().await?;
         let (mut transaction, now) = self.rows().write().await?;
         let lease = self.options().lease;
-        let claim = jobs::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
+        let claim = claims::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
         transaction.commit_soon().await?;
         if let Some(case) = claim.as_ref().and_then(|claim| claim.case) {
             self.signals().changed(&case);
@@ -160,7 +161,7 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         let is_ours = jobs::finish(&mut transaction, claim, Err(failure), now).await?;
         if is_ours {
-            jobs::fail_item(&mut transaction, claim.kind, &claim.key, failure, now).await?;
+            claims::fail_item(&mut transaction, claim.kind, &claim.key, failure, now).await?;
         }
         transaction.commit().await?;
         self.job_changed(claim);
@@ -188,7 +189,7 @@ impl Store {
             key: Some(&new.key),
         };
         let lease = self.options().lease;
-        let claim = jobs::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
+        let claim = claims::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
         transaction.commit().await?;
         Ok(claim)
     }

@@ -6,7 +6,6 @@ use case::{
 };
 use jiff::Timestamp;
 
-use super::cases::read_state;
 use super::connection::{Connection, Row};
 use super::made::{self, read_closed};
 use super::{jobs, pins, upkeep};
@@ -26,12 +25,6 @@ macro_rules! select_layer {
             $rest
         )
     };
-}
-
-/// The key of the job of a layer, read.
-pub(crate) fn of_key(key: &str) -> Option<(CaseId, LayerId)> {
-    let (case, layer) = key.split_once('/')?;
-    CaseId::parse(case).zip(LayerId::parse(layer))
 }
 
 /// Inserts a layer, and its job; or queues a failed one again.
@@ -494,7 +487,7 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
         id,
         name: row.get("name")?,
         parameters: serde_json::from_str::<LayerParameters>(&parameters)?,
-        state: read_state(row).ok_or_else(|| unreadable("state"))?,
+        state: jobs::read_state(row).ok_or_else(|| unreadable("state"))?,
         failure: failure
             .as_deref()
             .map(serde_json::from_str::<Failure>)

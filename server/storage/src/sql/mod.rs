@@ -4,7 +4,8 @@
 //! transactions come one after another in both. The time of a transaction is read from the database inside of it, in
 //! microseconds since 1970.
 
-pub(crate) mod cases;
+mod cases;
+mod claims;
 pub(crate) mod connection;
 mod expiry;
 mod fence;
@@ -35,12 +36,11 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Pool, SqlSafeStr as _};
 
 pub(crate) use self::connection::microseconds;
-use self::connection::{Connection, Database, Row};
+use self::connection::{Connection, Database, Migrations, Row, Tables};
 use super::jobs::{Claim, NewJob};
 use super::rows::{
     Change, Inserted, Made, NewCase, NewLayer, Pinned, Published, Referred, RowCounts, Sweep,
 };
-use super::tables::{Migrations, Tables};
 use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
 use case::images::{Closed, Image};
 use case::series::{CaseSeries, SeriesQuery};
@@ -403,7 +403,7 @@ impl Store {
         images: &[Image],
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let exists = cases::uploaded_again(&mut transaction, id, now).await?;
+        let exists = upkeep::uploaded_again(&mut transaction, id, now).await?;
         if exists && !images.is_empty() {
             made::make(&mut transaction, &Made::case(id), images).await?;
         }

@@ -32,6 +32,22 @@ pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreE
     transaction.commit().await
 }
 
+/// Lets the age of a case count from now; whether it exists.
+pub(super) async fn uploaded_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let changed = connection
+        .query(
+            "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
+            args![now, id.to_string()],
+        )
+        .execute()
+        .await?;
+    Ok(changed > 0)
+}
+
 /// When the latest case, layer or finding was written; `None` if there is none.
 pub(super) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
     let row = connection

@@ -14,8 +14,8 @@ use storage::Made;
 
 use super::*;
 use crate::series::tests::with_tables;
-use crate::store::{NewResult, ResultSeries, SEND};
 use crate::values::{ArrivalSource, ArrivalState, NewInstance, Reception};
+use crate::values::{NewResult, ResultSeries, SEND};
 
 /// Series of the study: two are heads, and the third a layer.
 const SERIES_UIDS: [&str; 3] = ["1.2.1", "1.2.2", "1.2.3"];

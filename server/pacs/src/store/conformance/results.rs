@@ -13,8 +13,9 @@ use storage::testing::steps::{
 use storage::{Claim, LayerName, LayerUpload, ListCursor, Made, ObjectName, StoreError};
 
 use super::Subject;
-use crate::store::{NewResult, PacsStore, ResultSeries, SEND, SentResult};
+use crate::store::PacsStore;
 use crate::values::{ArrivalSource, NewInstance, TransferQuery};
+use crate::values::{NewResult, ResultSeries, SEND, SentResult};
 
 const LEASE: Duration = Duration::from_secs(30);
 
