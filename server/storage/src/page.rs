@@ -86,7 +86,7 @@ impl fmt::Display for ListCursor {
     }
 }
 
-/// Whether a text can be the id of an arrival, a result or a job.
+/// Whether a text can be the id of a row that has no meaning, such as a job.
 pub fn is_id(text: &str) -> bool {
     let allowed = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
     text.len() == 32 && text.bytes().all(allowed)

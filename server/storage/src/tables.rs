@@ -4,7 +4,7 @@
 pub use crate::pinned::Writing;
 pub use crate::rows::Referred;
 pub use crate::sql::connection::{
-    Column, Connection, Migrations, Query, Row, Tables, Value, containing, microseconds, new_id,
+    Column, Connection, Migrations, Row, Tables, Value, containing, microseconds, new_id,
     read_time, unreadable,
 };
 pub use crate::sql::jobs::read_state;

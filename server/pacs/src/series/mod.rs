@@ -72,6 +72,18 @@ pub struct Arrivals {
     patients: Arc<Cache<ObjectName, Patient>>,
 }
 
+/// An image, as its headers tell, with its file.
+fn new_instance(identity: InstanceIdentity, file: &Spooled) -> NewInstance {
+    NewInstance {
+        uids: identity.uids,
+        accession_number: identity.accession_number,
+        sop_instance_uid: identity.sop_instance_uid,
+        digest: *file.digest(),
+        label: identity.label,
+        fingerprint: identity.fingerprint,
+    }
+}
+
 impl Arrivals {
     /// On an application, whose store has [`PacsTables`](crate::PacsTables).
     pub fn new(cases: Cases) -> Self {
@@ -104,35 +116,10 @@ impl Arrivals {
             true => self.without_identity(images).await?,
             false => images,
         };
-        self.receive_as_is(images, source, false).await
-    }
-
-    /// As [`Arrivals::receive`], whether or not the identity of the patient is removed. With `is_stored`, the objects of the
-    /// images are there, and no row names them.
-    async fn receive_as_is(
-        &self,
-        images: Vec<(InstanceIdentity, Spooled)>,
-        source: ArrivalSource,
-        is_stored: bool,
-    ) -> Result<Vec<Reception>, Error> {
-        let new = |(identity, file): (InstanceIdentity, Spooled)| {
-            let instance = NewInstance {
-                uids: identity.uids,
-                accession_number: identity.accession_number,
-                sop_instance_uid: identity.sop_instance_uid,
-                digest: *file.digest(),
-                label: identity.label,
-                fingerprint: identity.fingerprint,
-            };
-            (instance, file)
-        };
-        let images = images.into_iter().map(new);
-        Ok(if is_stored {
-            let images: Vec<_> = images.map(|(new, _)| new).collect();
-            self.store().adopt_images(&images, source).await?
-        } else {
-            self.store().receive(images.collect(), source).await?
-        })
+        let images = images
+            .into_iter()
+            .map(|(identity, file)| (new_instance(identity, &file), file));
+        Ok(self.store().receive(images.collect(), source).await?)
     }
 
     /// Counts an object that is no image, and of which nothing is kept. What a rejection note names is rejected, by whoever has sent it. Returns
@@ -239,7 +226,8 @@ impl Arrivals {
             Err(error) => return Err(error),
         };
         // The file has lost the identity of its patient before it was stored, if it was to.
-        let received = self.receive_as_is(vec![(identity, file)], ArrivalSource::Retrieval, true);
+        let image = [new_instance(identity, &file)];
+        let received = self.store().adopt_images(&image, ArrivalSource::Retrieval);
         Ok(!received.await?.contains(&Reception::Refused))
     }
 

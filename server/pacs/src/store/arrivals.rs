@@ -52,9 +52,11 @@ pub(super) async fn add(
     }
     let id = series(connection, source, new, now).await?;
     let added = connection
-        .query("INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
-             ON CONFLICT DO NOTHING", args![&id, new.sop_instance_uid.as_str(), new.digest.to_string()])
-        .execute()
+        .execute(
+            "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
+             ON CONFLICT DO NOTHING",
+            args![&id, new.sop_instance_uid.as_str(), new.digest.to_string()],
+        )
         .await?;
     if added == 0 && !is_another {
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
@@ -84,8 +86,7 @@ pub(super) async fn add(
         }
     };
     connection
-        .query(sql, args![i64::from(added > 0), now, &id])
-        .execute()
+        .execute(sql, args![i64::from(added > 0), now, &id])
         .await?;
     Ok(match is_another {
         true => Reception::Corrected,
@@ -99,12 +100,14 @@ async fn came_again(connection: &mut Connection, id: &str, now: i64) -> Result<(
     jobs::cancel(connection, SERIES, id).await?;
     let waits = |name: &str| format!("%\"{name}\"%");
     connection
-        .query("UPDATE arrivals SET last_at = $1,
+        .execute(
+            "UPDATE arrivals SET last_at = $1,
                     state = CASE WHEN state = 'case' OR state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
                                  THEN 'receiving' ELSE state END,
                     reason = CASE WHEN state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3) THEN NULL ELSE reason END
-             WHERE id = $4", args![now, waits(INCOMPLETE_CORRECTION), waits(IMAGES_LOST), id])
-        .execute()
+             WHERE id = $4",
+            args![now, waits(INCOMPLETE_CORRECTION), waits(IMAGES_LOST), id],
+        )
         .await?;
     Ok(())
 }
@@ -117,7 +120,7 @@ async fn leave_others(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id NOT IN
                  (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)
              RETURNING arrival_id, digest",
@@ -127,7 +130,6 @@ async fn leave_others(
                 new.uids.series.as_str()
             ],
         )
-        .fetch_all()
         .await?;
     for row in &rows {
         let other: String = row.get("arrival_id")?;
@@ -135,12 +137,14 @@ async fn leave_others(
         let detail = "the images of the series have come again under another study or series";
         let moved = serde_json::to_string(&Failure::unusable(MOVED, detail))?;
         connection
-            .query("UPDATE arrivals SET corrected = CASE WHEN state = 'receiving' THEN corrected + 1 ELSE 1 END,
+            .execute(
+                "UPDATE arrivals SET corrected = CASE WHEN state = 'receiving' THEN corrected + 1 ELSE 1 END,
                         instances = instances - 1, expected = NULL, last_at = $1, case_id = NULL,
                         state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
                         reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
-                 WHERE id = $3", args![now, moved, &other])
-            .execute()
+                 WHERE id = $3",
+                args![now, moved, &other],
+            )
             .await?;
         jobs::cancel(connection, SERIES, &other).await?;
     }
@@ -155,20 +159,21 @@ async fn replace(
     now: i64,
 ) -> Result<(), StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT digest FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
             args![id, new.sop_instance_uid.as_str()],
         )
-        .fetch_one()
         .await?;
     let old = read_object(&row)?;
     connection
-        .query("UPDATE arrival_instances SET digest = $1 WHERE arrival_id = $2 AND sop_instance_uid = $3", args![new.digest.to_string(), id, new.sop_instance_uid.as_str()])
-        .execute()
+        .execute(
+            "UPDATE arrival_instances SET digest = $1 WHERE arrival_id = $2 AND sop_instance_uid = $3",
+            args![new.digest.to_string(), id, new.sop_instance_uid.as_str()],
+        )
         .await?;
     pins::abandon(connection, vec![old], now).await?;
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET accession_number = $1, label = $2 WHERE id = $3",
             args![
                 new.accession_number.as_ref().map(AccessionNumber::as_str),
@@ -176,7 +181,6 @@ async fn replace(
                 id
             ],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -190,10 +194,15 @@ pub(super) async fn ignore(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
+        .execute(
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
              VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1", args![new_id(), uids.study.as_str(), uids.series.as_str(), source.name(), serde_json::to_string(reason)?, now])
-        .execute()
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
+            args![
+                new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
+                serde_json::to_string(reason)?, now,
+            ],
+        )
         .await?;
     Ok(())
 }
@@ -212,11 +221,16 @@ pub(super) async fn reject(
     let mut here = 0;
     for (uids, instances) in &rejection.series {
         let row = connection
-            .query("INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
+            .fetch_one(
+                "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
                  VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
                  ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
-                 RETURNING id", args![new_id(), uids.study.as_str(), uids.series.as_str(), source.name(), serde_json::to_string(&images_rejected())?, now])
-            .fetch_one()
+                 RETURNING id",
+                args![
+                    new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
+                    serde_json::to_string(&images_rejected())?, now,
+                ],
+            )
             .await?;
         here += read_again(connection, &row.get::<String>("id")?, instances).await?;
     }
@@ -233,11 +247,10 @@ pub(super) async fn lift(
         return Ok(false);
     };
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
             args![uids.study.as_str(), uids.series.as_str()],
         )
-        .fetch_optional()
         .await?;
     if let Some(row) = row {
         read_again(connection, &row.get::<String>("id")?, &instances).await?;
@@ -254,18 +267,19 @@ async fn read_again(
     let mut here = 0;
     for instance in instances {
         let row = connection
-            .query(
+            .fetch_optional(
                 "SELECT 1 FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
                 args![id, instance.as_str()],
             )
-            .fetch_optional()
             .await?;
         here += usize::from(row.is_some());
     }
     if here > 0 {
         connection
-            .query("UPDATE arrivals SET expected = NULL, case_id = NULL, state = 'receiving', reason = NULL WHERE id = $1", args![id])
-            .execute()
+            .execute(
+                "UPDATE arrivals SET expected = NULL, case_id = NULL, state = 'receiving', reason = NULL WHERE id = $1",
+                args![id],
+            )
             .await?;
         jobs::cancel(connection, SERIES, id).await?;
     }
@@ -280,17 +294,22 @@ async fn series(
     now: i64,
 ) -> Result<String, StoreError> {
     connection
-        .query("INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
+        .execute(
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
              VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)", args![new_id(), new.uids.study.as_str(), new.uids.series.as_str(), new.accession_number.as_ref().map(AccessionNumber::as_str), source.name(), &new.label, now])
-        .execute()
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
+            args![
+                new_id(), new.uids.study.as_str(), new.uids.series.as_str(),
+                new.accession_number.as_ref().map(AccessionNumber::as_str), source.name(),
+                &new.label, now,
+            ],
+        )
         .await?;
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
             args![new.uids.study.as_str(), new.uids.series.as_str()],
         )
-        .fetch_one()
         .await?;
     row.get("id")
 }
@@ -304,10 +323,16 @@ pub(super) async fn write_copied(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
+        .execute(
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
              VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO NOTHING", args![&arrival.id, arrival.uids.study.as_str(), arrival.uids.series.as_str(), arrival.accession_number.as_ref().map(AccessionNumber::as_str), arrival.source.name(), now])
-        .execute()
+             ON CONFLICT (study_uid, series_uid) DO NOTHING",
+            args![
+                &arrival.id, arrival.uids.study.as_str(), arrival.uids.series.as_str(),
+                arrival.accession_number.as_ref().map(AccessionNumber::as_str),
+                arrival.source.name(), now,
+            ],
+        )
         .await?;
     for image in images {
         write_copied_image(connection, arrival, image, now).await?;
@@ -322,10 +347,17 @@ pub(super) async fn write_copied(
     let taken = arrival.taken.as_ref().map(serde_json::to_string);
     let refused = arrival.refused.as_ref().map(serde_json::to_string);
     connection
-        .query("UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
+        .execute(
+            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
                     label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11
-             WHERE study_uid = $12 AND series_uid = $13", args![state.name(), reason.transpose()?, case, arrival.expected.map(count), arrival.first_at.as_microsecond(), arrival.last_at.as_microsecond(), &arrival.label, taken.transpose()?, refused.transpose()?, count(arrival.corrected), count(arrival.ignored), arrival.uids.study.as_str(), arrival.uids.series.as_str()])
-        .execute()
+             WHERE study_uid = $12 AND series_uid = $13",
+            args![
+                state.name(), reason.transpose()?, case, arrival.expected.map(count),
+                arrival.first_at.as_microsecond(), arrival.last_at.as_microsecond(), &arrival.label,
+                taken.transpose()?, refused.transpose()?, count(arrival.corrected),
+                count(arrival.ignored), arrival.uids.study.as_str(), arrival.uids.series.as_str(),
+            ],
+        )
         .await?;
     Ok(())
 }
@@ -339,19 +371,20 @@ async fn write_copied_image(
 ) -> Result<(), StoreError> {
     let id = series(connection, arrival.source, image, now).await?;
     let added = connection
-        .query("INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
-             ON CONFLICT DO NOTHING", args![&id, image.sop_instance_uid.as_str(), image.digest.to_string()])
-        .execute()
+        .execute(
+            "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
+             ON CONFLICT DO NOTHING",
+            args![&id, image.sop_instance_uid.as_str(), image.digest.to_string()],
+        )
         .await?;
     if added == 0 {
         return replace(connection, &id, image, now).await;
     }
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET instances = instances + 1 WHERE id = $1",
             args![&id],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -380,15 +413,19 @@ pub(super) async fn keep(
             continue;
         }
         connection
-            .query("DELETE FROM arrival_instances WHERE sop_instance_uid = $1
-                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)", args![image.0.as_str(), uids.study.as_str(), uids.series.as_str()])
-            .execute()
+            .execute(
+                "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
+                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
+                args![image.0.as_str(), uids.study.as_str(), uids.series.as_str()],
+            )
             .await?;
         forgotten.push(image.1);
     }
     connection
-        .query("UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3", args![count(forgotten.len()), uids.study.as_str(), uids.series.as_str()])
-        .execute()
+        .execute(
+            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
+            args![count(forgotten.len()), uids.study.as_str(), uids.series.as_str()],
+        )
         .await?;
     pins::abandon(connection, forgotten, now).await
 }
@@ -399,11 +436,10 @@ pub(super) async fn expect(
     instances: usize,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3",
             args![count(instances), uids.study.as_str(), uids.series.as_str()],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -415,13 +451,15 @@ pub(super) async fn due(
     now: i64,
 ) -> Result<Vec<String>, StoreError> {
     let rows = connection
-        .query("SELECT id FROM arrivals
+        .fetch_all(
+            "SELECT id FROM arrivals
              WHERE state = 'receiving'
                AND (instances >= expected OR last_at <= $1 AND expected IS NULL OR last_at <= $2)
                AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'series' AND jobs.key = arrivals.id
                                AND jobs.state IN ('queued', 'running'))
-             ORDER BY last_at, id", args![now - microseconds(terms.stable), now - microseconds(terms.patience)])
-        .fetch_all()
+             ORDER BY last_at, id",
+            args![now - microseconds(terms.stable), now - microseconds(terms.patience)],
+        )
         .await?;
     rows.iter().map(|row| row.get("id")).collect()
 }
@@ -432,11 +470,10 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1",
             args![id],
         )
-        .fetch_optional()
         .await?;
     let Some(row) = row else {
         return Ok(None);
@@ -452,14 +489,16 @@ pub(super) async fn to_read(
 /// The images of a series that are not rejected, by UID.
 async fn due_images(connection: &mut Connection, id: &str) -> Result<Vec<DueImage>, StoreError> {
     let rows = connection
-        .query("SELECT arrival_instances.sop_instance_uid, digest, times
+        .fetch_all(
+            "SELECT arrival_instances.sop_instance_uid, digest, times
              FROM arrival_instances JOIN images ON images.sop_instance_uid = arrival_instances.sop_instance_uid
              WHERE arrival_id = $1
                AND NOT EXISTS (SELECT 1 FROM rejections
                                WHERE rejections.sop_instance_uid = images.sop_instance_uid
                                  AND rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid)
-             ORDER BY arrival_instances.sop_instance_uid", args![id])
-        .fetch_all()
+             ORDER BY arrival_instances.sop_instance_uid",
+            args![id],
+        )
         .await?;
     let read_image = |row: &Row| {
         Ok::<_, StoreError>(DueImage {
@@ -473,11 +512,10 @@ async fn due_images(connection: &mut Connection, id: &str) -> Result<Vec<DueImag
 
 async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT digest FROM arrival_instances WHERE arrival_id = $1 ORDER BY sop_instance_uid",
             args![id],
         )
-        .fetch_all()
         .await?;
     rows.iter().map(read_object).collect()
 }
@@ -514,11 +552,10 @@ pub(super) async fn settle(
         return Ok(false);
     }
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET state = $4, reason = $1, case_id = $2 WHERE id = $3",
             args![reason, &case, id, state.name()],
         )
-        .execute()
         .await?;
     if let Outcome::Case(_) = outcome {
         wake_others(connection, id).await?;
@@ -535,7 +572,7 @@ pub(super) async fn make_nothing(
     failure: &Failure,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET state = $1, reason = $2 WHERE id = $3",
             args![
                 ArrivalState::Nothing.name(),
@@ -543,7 +580,6 @@ pub(super) async fn make_nothing(
                 id
             ],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -552,13 +588,12 @@ pub(super) async fn make_nothing(
 /// layers.
 async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE id <> $1 AND state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
                AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $1)",
             args![id, format!("%\"{NOT_T1}\"%"), format!("%\"{NO_CASE}\"%")],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -571,10 +606,12 @@ pub(super) async fn take(
     taken: &Taken,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
+        .execute(
+            "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
                     state = 'receiving', reason = NULL, corrected = 0
-             WHERE id = $2", args![serde_json::to_string(taken)?, id])
-        .execute()
+             WHERE id = $2",
+            args![serde_json::to_string(taken)?, id],
+        )
         .await?;
     // Whoever reads it at this moment does not decide.
     jobs::cancel(connection, SERIES, id).await
@@ -591,7 +628,7 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query(
+        .fetch_all(
             select_arrival!(
                 "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
                AND ($5 = '' OR $5 = state)
@@ -610,7 +647,6 @@ pub(super) async fn page(
                 count(limit.saturating_add(1))
             ],
         )
-        .fetch_all()
         .await?;
     let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = arrivals.len() > limit;
@@ -627,8 +663,7 @@ pub(super) async fn one(
     id: &str,
 ) -> Result<Option<Arrival>, StoreError> {
     let row = connection
-        .query(select_arrival!("WHERE id = $1"), args![id])
-        .fetch_optional()
+        .fetch_optional(select_arrival!("WHERE id = $1"), args![id])
         .await?;
     row.as_ref().map(read).transpose()
 }
@@ -639,15 +674,21 @@ pub(super) async fn of(
 ) -> Result<Vec<Arrival>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
-            .query(select_arrival!(
+            .fetch_all(
+                select_arrival!(
                 "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
-            ), args![study.as_str(), series.as_ref().map(Uid::as_str)]),
+            ),
+                args![study.as_str(), series.as_ref().map(Uid::as_str)],
+            ),
         SeriesQuery::AccessionNumber(number) => connection
-            .query(select_arrival!(
+            .fetch_all(
+                select_arrival!(
                 "WHERE accession_number = $1 ORDER BY first_at, id"
-            ), args![number.as_str()]),
+            ),
+                args![number.as_str()],
+            ),
     };
-    rows.fetch_all().await?.iter().map(read).collect()
+    rows.await?.iter().map(read).collect()
 }
 
 /// The images of a series that are here and are not rejected.
@@ -656,11 +697,10 @@ pub(super) async fn counting_images_of(
     uids: &SeriesUids,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
             args![uids.study.as_str(), uids.series.as_str()],
         )
-        .fetch_optional()
         .await?;
     let images = match row {
         Some(row) => due_images(connection, &row.get::<String>("id")?).await?,
@@ -674,9 +714,11 @@ pub(super) async fn images_of(
     uids: &SeriesUids,
 ) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
     let rows = connection
-        .query("SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid", args![uids.study.as_str(), uids.series.as_str()])
-        .fetch_all()
+        .fetch_all(
+            "SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid",
+            args![uids.study.as_str(), uids.series.as_str()],
+        )
         .await?;
     let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_object(row)?));
     rows.iter().map(read).collect()
@@ -689,11 +731,10 @@ pub(super) async fn forget(
     now: i64,
 ) -> Result<usize, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT id FROM arrivals WHERE state <> 'receiving' AND last_at <= $1",
             args![before],
         )
-        .fetch_all()
         .await?;
     for row in &rows {
         remove(connection, &row.get::<String>("id")?, now).await?;
@@ -709,23 +750,24 @@ pub(super) async fn remove_of_case(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT id FROM arrivals WHERE case_id = $1 AND state IN ('case', 'layer')",
             args![case.to_string()],
         )
-        .fetch_all()
         .await?;
     for row in &rows {
         remove(connection, &row.get::<String>("id")?, now).await?;
     }
     // A correction of it waits for nothing any more.
     connection
-        .query("UPDATE arrivals SET state = 'receiving', reason = NULL
+        .execute(
+            "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE state = 'nothing' AND reason LIKE $2
                AND id IN (SELECT arrival_id FROM arrival_instances
                           JOIN made_of ON made_of.sop_instance_uid = arrival_instances.sop_instance_uid
-                          WHERE case_id = $1 AND layer_id = '' AND result_id = '')", args![case.to_string(), format!("%\"{INCOMPLETE_CORRECTION}\"%")])
-        .execute()
+                          WHERE case_id = $1 AND layer_id = '' AND result_id = '')",
+            args![case.to_string(), format!("%\"{INCOMPLETE_CORRECTION}\"%")],
+        )
         .await?;
     Ok(())
 }
@@ -736,8 +778,7 @@ async fn remove(connection: &mut Connection, id: &str, now: i64) -> Result<(), S
     jobs::remove(connection, id).await?;
     // Its images go with it (ON DELETE CASCADE).
     connection
-        .query("DELETE FROM arrivals WHERE id = $1", args![id])
-        .execute()
+        .execute("DELETE FROM arrivals WHERE id = $1", args![id])
         .await?;
     Ok(())
 }

@@ -22,9 +22,11 @@ use crate::values::{
 
 async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<LastImage>, StoreError> {
     let row = connection
-        .query("SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
-             WHERE sop_instance_uid = $1", args![uid.as_str()])
-        .fetch_optional()
+        .fetch_optional(
+            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+             WHERE sop_instance_uid = $1",
+            args![uid.as_str()],
+        )
         .await?;
     row.as_ref().map(read_last).transpose()
 }
@@ -111,8 +113,10 @@ pub(super) async fn arrive(
     };
     write(connection, &image).await?;
     let returned = connection
-        .query("DELETE FROM rejections WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3 AND may_return = 1", args![uid.as_str(), new.uids.study.as_str(), new.uids.series.as_str()])
-        .execute()
+        .execute(
+            "DELETE FROM rejections WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3 AND may_return = 1",
+            args![uid.as_str(), new.uids.study.as_str(), new.uids.series.as_str()],
+        )
         .await?;
     if returned > 0 || arrived != Arrived::Following(Following::Same) {
         changed.extend(judge(connection, &[uid]).await?);
@@ -128,13 +132,12 @@ pub(super) async fn make_result(
 ) -> Result<(), StoreError> {
     for layer in layers {
         connection
-            .query(
+            .execute(
                 "INSERT INTO made_of (case_id, result_id, sop_instance_uid, fingerprint, times)
                  SELECT case_id, $1, sop_instance_uid, fingerprint, times FROM made_of
                  WHERE case_id = $2 AND layer_id = $3 AND result_id = '' ON CONFLICT DO NOTHING",
                 args![&result.result, &result.case, layer.to_string()],
             )
-            .execute()
             .await?;
     }
     judge_made(connection, result).await
@@ -148,11 +151,10 @@ pub(super) async fn judge(
     let mut all = BTreeSet::new();
     for uid in uids {
         let rows = connection
-            .query(
+            .fetch_all(
                 "SELECT case_id, layer_id, result_id FROM made_of WHERE sop_instance_uid = $1",
                 args![uid.as_str()],
             )
-            .fetch_all()
             .await?;
         for row in &rows {
             all.insert(Made {
@@ -195,10 +197,7 @@ pub(super) async fn judge_made(connection: &mut Connection, made: &Made) -> Resu
              WHERE id = $3 AND case_id = $1"
         }
     };
-    connection
-        .query(sql, args![case, layer, result])
-        .execute()
-        .await?;
+    connection.execute(sql, args![case, layer, result]).await?;
     if layer.is_empty() && result.is_empty() {
         wake_layers_of_closed(connection, case).await?;
     }
@@ -211,13 +210,12 @@ pub(super) async fn wake_layers_of_closed(
     case: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
              WHERE case_id = $1 AND instances > 0 AND state = 'layer'
                AND (SELECT closed FROM cases WHERE cases.id = $1) > 0",
             args![case],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -256,13 +254,20 @@ pub(super) async fn withdraw(
 ) -> Result<(), StoreError> {
     let uids = withdrawn.uids.as_ref();
     connection
-        .query("INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid, id, rejected_by, may_return)
+        .execute(
+            "INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid, id, rejected_by, may_return)
              VALUES ($1, $2, $3, $4, $5, $6, $7)
              ON CONFLICT (sop_instance_uid, study_uid, series_uid) DO UPDATE
              SET rejected_at = excluded.rejected_at, id = excluded.id, rejected_by = excluded.rejected_by,
                  may_return = CASE WHEN rejections.may_return = 0 THEN 0 ELSE excluded.may_return END
-             WHERE rejections.rejected_at <= excluded.rejected_at", args![withdrawn.instance.as_str(), withdrawn.at.as_microsecond(), uids.map_or("", |uids| uids.study.as_str()), uids.map_or("", |uids| uids.series.as_str()), &withdrawn.id, &withdrawn.by, i64::from(withdrawn.may_return)])
-        .execute()
+             WHERE rejections.rejected_at <= excluded.rejected_at",
+            args![
+                withdrawn.instance.as_str(), withdrawn.at.as_microsecond(),
+                uids.map_or("", |uids| uids.study.as_str()),
+                uids.map_or("", |uids| uids.series.as_str()), &withdrawn.id, &withdrawn.by,
+                i64::from(withdrawn.may_return),
+            ],
+        )
         .await?;
     Ok(())
 }
@@ -275,8 +280,10 @@ pub(super) async fn lift(
     changed: &mut Vec<CaseId>,
 ) -> Result<Option<(SeriesUids, Vec<Uid>)>, StoreError> {
     let rows = connection
-        .query("DELETE FROM rejections WHERE id = $1 AND study_uid <> '' RETURNING sop_instance_uid, study_uid, series_uid", args![id])
-        .fetch_all()
+        .fetch_all(
+            "DELETE FROM rejections WHERE id = $1 AND study_uid <> '' RETURNING sop_instance_uid, study_uid, series_uid",
+            args![id],
+        )
         .await?;
     let Some(first) = rows.first() else {
         return Ok(None);
@@ -296,11 +303,13 @@ pub(super) async fn rejected(
     limit: usize,
 ) -> Result<Vec<Rejected>, StoreError> {
     let rows = connection
-        .query("SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
+        .fetch_all(
+            "SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
                     min(may_return) AS may_return
              FROM rejections WHERE study_uid <> '' GROUP BY id, study_uid, series_uid
-             ORDER BY max(rejected_at) DESC, id LIMIT $1", args![count(limit)])
-        .fetch_all()
+             ORDER BY max(rejected_at) DESC, id LIMIT $1",
+            args![count(limit)],
+        )
         .await?;
     let read = |row: &Row| {
         Ok(Rejected {
@@ -321,11 +330,10 @@ pub(super) async fn is_withdrawn(
     instance: &Uid,
 ) -> Result<bool, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1",
             args![instance.as_str()],
         )
-        .fetch_optional()
         .await?;
     Ok(row.is_some())
 }
@@ -338,10 +346,16 @@ pub(super) async fn withdrawn(
 ) -> Result<Vec<Withdrawn>, StoreError> {
     let uids = after.and_then(|after| after.uids.as_ref());
     let rows = connection
-        .query("SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
+        .fetch_all(
+            "SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
              WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
-             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4", args![after.map_or("", |after| after.instance.as_str()), uids.map_or("", |uids| uids.study.as_str()), uids.map_or("", |uids| uids.series.as_str()), count(limit)])
-        .fetch_all()
+             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
+            args![
+                after.map_or("", |after| after.instance.as_str()),
+                uids.map_or("", |uids| uids.study.as_str()),
+                uids.map_or("", |uids| uids.series.as_str()), count(limit),
+            ],
+        )
         .await?;
     let read = |row: &Row| {
         let study: String = row.get("study_uid")?;
@@ -364,21 +378,29 @@ pub(super) async fn all(
     limit: usize,
 ) -> Result<Vec<LastImage>, StoreError> {
     let rows = connection
-        .query("SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
-             WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2", args![after.map_or("", |after| after.uid.as_str()), count(limit)])
-        .fetch_all()
+        .fetch_all(
+            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+             WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2",
+            args![after.map_or("", |after| after.uid.as_str()), count(limit)],
+        )
         .await?;
     rows.iter().map(read_last).collect()
 }
 
 async fn write(connection: &mut Connection, image: &LastImage) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
+        .execute(
+            "INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
              VALUES ($1, $2, $3, $4, $5, $6, $7)
              ON CONFLICT (sop_instance_uid) DO UPDATE
              SET study_uid = excluded.study_uid, series_uid = excluded.series_uid, fingerprint = excluded.fingerprint,
-                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at", args![image.uid.as_str(), image.uids.study.as_str(), image.uids.series.as_str(), (image.fingerprint.as_ref()).map_or_else(String::new, Fingerprint::to_string), image.times, image.sender.name(), image.last_at])
-        .execute()
+                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at",
+            args![
+                image.uid.as_str(), image.uids.study.as_str(), image.uids.series.as_str(),
+                (image.fingerprint.as_ref()).map_or_else(String::new, Fingerprint::to_string),
+                image.times, image.sender.name(), image.last_at,
+            ],
+        )
         .await?;
     Ok(())
 }
@@ -403,8 +425,10 @@ pub(super) async fn made_of_any(
     let mut ids = BTreeSet::new();
     for image in images {
         let rows = connection
-            .query("SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''", args![image.uid.as_str()])
-            .fetch_all()
+            .fetch_all(
+                "SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''",
+                args![image.uid.as_str()],
+            )
             .await?;
         for row in &rows {
             ids.insert(row.get::<String>("case_id")?);
@@ -413,18 +437,18 @@ pub(super) async fn made_of_any(
     let mut cases = Vec::with_capacity(ids.len());
     for id in ids {
         let row = connection
-            .query(
+            .fetch_one(
                 "SELECT state, NULL AS job_state, closed, created_at FROM cases WHERE id = $1",
                 args![&id],
             )
-            .fetch_one()
             .await?;
         let state = read_state(&row).ok_or_else(|| unreadable("a state"))?;
         let created_at: i64 = row.get("created_at")?;
         let closed = read_closed(&row, "closed")?;
         let case = CaseId::parse(&id).ok_or_else(|| unreadable("a case"))?;
         let rows = connection
-            .query("SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
+            .fetch_all(
+                "SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
                         CAST(CASE WHEN images.times > made_of.times THEN 1 ELSE 0 END AS BIGINT) AS again,
                         CAST(CASE WHEN EXISTS (SELECT 1 FROM rejections
                              WHERE rejections.sop_instance_uid = made_of.sop_instance_uid
@@ -432,8 +456,9 @@ pub(super) async fn made_of_any(
                              THEN 1 ELSE 0 END AS BIGINT) AS rejected
                  FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
                  WHERE made_of.case_id = $1 AND made_of.layer_id = '' AND made_of.result_id = ''
-                 ORDER BY made_of.sop_instance_uid", args![&id])
-            .fetch_all()
+                 ORDER BY made_of.sop_instance_uid",
+                args![&id],
+            )
             .await?;
         let mut is_received = false;
         let read = |row: &Row| {
@@ -463,16 +488,20 @@ pub(super) async fn made_of_any(
 /// Forgets images and rejections that are older than a time and that nothing names any more.
 pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM images WHERE last_at <= $1
+        .execute(
+            "DELETE FROM images WHERE last_at <= $1
                AND NOT EXISTS (SELECT 1 FROM made_of WHERE made_of.sop_instance_uid = images.sop_instance_uid)
-               AND NOT EXISTS (SELECT 1 FROM arrival_instances WHERE arrival_instances.sop_instance_uid = images.sop_instance_uid)", args![before])
-        .execute()
+               AND NOT EXISTS (SELECT 1 FROM arrival_instances WHERE arrival_instances.sop_instance_uid = images.sop_instance_uid)",
+            args![before],
+        )
         .await?;
     connection
-        .query("DELETE FROM rejections WHERE rejected_at <= $1
+        .execute(
+            "DELETE FROM rejections WHERE rejected_at <= $1
                AND NOT EXISTS (SELECT 1 FROM made_of WHERE made_of.sop_instance_uid = rejections.sop_instance_uid)
-               AND NOT EXISTS (SELECT 1 FROM images WHERE images.sop_instance_uid = rejections.sop_instance_uid)", args![before])
-        .execute()
+               AND NOT EXISTS (SELECT 1 FROM images WHERE images.sop_instance_uid = rejections.sop_instance_uid)",
+            args![before],
+        )
         .await?;
     Ok(())
 }

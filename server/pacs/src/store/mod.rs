@@ -468,12 +468,14 @@ impl PacsStore {
         let rows = self
             .connect()
             .await?
-            .query("SELECT 'arrivals' AS what, '' AS part, state, count(*) AS number FROM arrivals GROUP BY state
+            .fetch_all(
+                "SELECT 'arrivals' AS what, '' AS part, state, count(*) AS number FROM arrivals GROUP BY state
                  UNION ALL SELECT 'results', node, state, count(*) FROM
                      (SELECT node, coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                              ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done') AS state
-                      FROM results) AS sent GROUP BY node, state", args![])
-            .fetch_all()
+                      FROM results) AS sent GROUP BY node, state",
+                args![],
+            )
             .await?;
         let read = |row: &Row| {
             let [what, part, state] = ["what", "part", "state"].map(|column| row.get(column));
@@ -494,9 +496,11 @@ impl PacsStore {
     pub async fn count(&self) -> Result<OfPacs, StoreError> {
         let mut connection = self.connect().await?;
         let row = connection
-            .query("SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
-                        (SELECT count(*) FROM results) AS results", args![])
-            .fetch_one()
+            .fetch_one(
+                "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
+                        (SELECT count(*) FROM results) AS results",
+                args![],
+            )
             .await?;
         let count = |column| row.get::<i64>(column).map(i64::unsigned_abs);
         Ok(OfPacs {

@@ -89,23 +89,11 @@ impl PacsStore {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-    use std::sync::Arc;
-
     use case::series::{SeriesQuery, SeriesUids, Uid};
     use storage::testing::{files_below, objects_below};
-    use storage::{Options, Store};
 
     use super::*;
-    use crate::store::PacsTables;
-
-    async fn open(folder: &Path) -> PacsStore {
-        let options = Options {
-            tables: Arc::new(PacsTables),
-            ..Options::default()
-        };
-        PacsStore::new(Store::open_with(folder, options).await.unwrap())
-    }
+    use crate::store::conformance::open;
 
     fn uid(text: &str) -> Uid {
         Uid::parse(text).unwrap()

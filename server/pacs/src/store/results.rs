@@ -12,8 +12,9 @@ use storage::{Job, ListCursor, Made, NewJob, ObjectName, StoreError};
 
 use super::columns::count;
 use super::images;
-use crate::values::TransferQuery;
-use crate::values::{NewResult, NotValid, ResultSeries, SEND, SentResult, result_object};
+use crate::values::{
+    NewResult, NotValid, ResultSeries, SEND, SentResult, TransferQuery, result_object,
+};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -63,18 +64,24 @@ async fn insert(
     now: i64,
 ) -> Result<String, StoreError> {
     connection
-        .query("INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
+        .execute(
+            "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
                                   sop_class_uid, series_uid, layers)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)
-             ON CONFLICT (sop_instance_uid, node) DO NOTHING", args![new_id(), new.case.to_string(), &new.node, new.study.as_str(), new.instance.as_str(), new.digest.to_string(), now, new.series.sop_class_uid.as_str(), new.series.series_uid.as_str(), written(&new.layers)])
-        .execute()
+             ON CONFLICT (sop_instance_uid, node) DO NOTHING",
+            args![
+                new_id(), new.case.to_string(), &new.node, new.study.as_str(),
+                new.instance.as_str(), new.digest.to_string(), now,
+                new.series.sop_class_uid.as_str(), new.series.series_uid.as_str(),
+                written(&new.layers),
+            ],
+        )
         .await?;
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2",
             args![new.instance.as_str(), &new.node],
         )
-        .fetch_one()
         .await?;
     row.get("id")
 }
@@ -98,11 +105,10 @@ pub(super) async fn write_copied(
     let known = insert(connection, &new, now).await?;
     jobs::remove(connection, &known).await?;
     connection
-        .query(
+        .execute(
             "UPDATE results SET id = $1, created_at = $2 WHERE id = $3",
             args![&result.id, result.created_at.as_microsecond(), known],
         )
-        .execute()
         .await?;
     let result_images = Made::result(&result.case, &result.id);
     made::make(connection, &result_images, made_of).await?;
@@ -123,12 +129,17 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query("SELECT id FROM results
+        .fetch_all(
+            "SELECT id FROM results
              WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
                AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                                  ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
-             ORDER BY created_at DESC, id DESC LIMIT $5", args![at, id, query.case.map(|case| case.to_string()), query.state.map(JobState::name), count(limit.saturating_add(1))])
-        .fetch_all()
+             ORDER BY created_at DESC, id DESC LIMIT $5",
+            args![
+                at, id, query.case.map(|case| case.to_string()), query.state.map(JobState::name),
+                count(limit.saturating_add(1)),
+            ],
+        )
         .await?;
     let mut results = Vec::with_capacity(rows.len());
     for row in &rows {
@@ -149,8 +160,7 @@ pub(super) async fn one(
     id: &str,
 ) -> Result<Option<SentResult>, StoreError> {
     let row = connection
-        .query(select_result!("WHERE id = $1"), args![id])
-        .fetch_optional()
+        .fetch_optional(select_result!("WHERE id = $1"), args![id])
         .await?;
     let Some(row) = row else {
         return Ok(None);
@@ -179,8 +189,10 @@ pub(super) async fn of_instance(
     instance: &Uid,
 ) -> Result<Option<ObjectName>, StoreError> {
     let row = connection
-        .query("SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1", args![instance.as_str()])
-        .fetch_optional()
+        .fetch_optional(
+            "SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1",
+            args![instance.as_str()],
+        )
         .await?;
     row.as_ref().map(read_object).transpose()
 }
@@ -191,9 +203,11 @@ pub(super) async fn of_study(
     study: &Uid,
 ) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
     let rows = connection
-        .query("SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
-             GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid", args![study.as_str()])
-        .fetch_all()
+        .fetch_all(
+            "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
+             GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid",
+            args![study.as_str()],
+        )
         .await?;
     let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_series(row)?));
     rows.iter().map(read).collect()
@@ -213,7 +227,7 @@ pub(super) async fn forget(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "DELETE FROM results
              WHERE created_at <= $1
                AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.key = results.id
@@ -221,7 +235,6 @@ pub(super) async fn forget(
              RETURNING id, digest, case_id",
             args![before],
         )
-        .fetch_all()
         .await?;
     for row in &rows {
         let id: String = row.get("id")?;
@@ -238,11 +251,10 @@ pub(super) async fn abandon_of_case(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT digest FROM results WHERE case_id = $1",
             args![case.to_string()],
         )
-        .fetch_all()
         .await?;
     abandon(connection, &rows, now).await
 }

@@ -47,8 +47,8 @@ impl Tables for PacsTables {
             }
             _ => return Ok(false),
         };
-        let row = connection.query(sql, args![object.digest.to_string()]);
-        row.fetch_one().await?.get("needed")
+        let row = connection.fetch_one(sql, args![object.digest.to_string()]);
+        row.await?.get("needed")
     }
 
     async fn objects(
@@ -69,14 +69,13 @@ impl Tables for PacsTables {
         };
         let after = after.map(|name| name.digest.to_string());
         let rows = connection
-            .query(
+            .fetch_all(
                 sql,
                 args![
                     after.unwrap_or_default(),
                     i64::try_from(limit).unwrap_or(i64::MAX)
                 ],
             )
-            .fetch_all()
             .await?;
         let read = |row: &Row| {
             let digest: String = row.get("digest")?;

@@ -1,7 +1,6 @@
 //! Work that never comes to an end; inspections, and copies from one store into another.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use case::images::{Fingerprint, Image};
@@ -11,11 +10,13 @@ use cases::dicom::Rejection;
 use storage::tables::Referred;
 use storage::testing::files_below;
 use storage::testing::steps::{insert_case, pinned};
-use storage::{Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Options, Store, Upload};
+use storage::{
+    Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Store, StoreError, Upload,
+};
 use tempfile::TempDir;
 
-use super::conformance::{Subject, new_result, queue};
-use super::{CopiedStep, OfPacs, PacsStore, PacsTables};
+use super::conformance::{Subject, new_result, open, queue};
+use super::{CopiedStep, OfPacs, PacsStore};
 use crate::values::{
     ArrivalSource, ArrivalState, DueTerms, NewInstance, NewResult, Outcome, Reception, SEND,
     SERIES, TransferQuery,
@@ -98,11 +99,16 @@ async fn a_result_whose_sender_dies_each_time_fails() {
 }
 
 async fn store(directory: &TempDir) -> PacsStore {
-    let options = Options {
-        tables: Arc::new(PacsTables),
-        ..Options::default()
-    };
-    PacsStore::new(Store::open_with(directory.path(), options).await.unwrap())
+    open(directory.path()).await
+}
+
+#[tokio::test]
+async fn a_store_with_these_tables_is_not_opened_without_them() {
+    let directory = tempfile::tempdir().unwrap();
+    store(&directory).await.close().await;
+    let error = Store::open(directory.path()).await.unwrap_err();
+    assert!(matches!(error, StoreError::NewerSchema { .. }), "{error:?}");
+    three_images(&store(&directory).await).await;
 }
 
 fn file_of(directory: &TempDir, name: &ObjectName) -> PathBuf {

@@ -64,11 +64,10 @@ macro_rules! select_found {
 /// The state of a case as it is written; `None` if there is no such case.
 async fn state(connection: &mut Connection, id: &CaseId) -> Result<Option<String>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT state FROM cases WHERE id = $1",
             args![id.to_string()],
         )
-        .fetch_optional()
         .await?;
     row.map(|row| row.get("state")).transpose()
 }
@@ -135,11 +134,10 @@ pub(super) async fn closed(
     id: &CaseId,
 ) -> Result<Option<Closed>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT closed FROM cases WHERE id = $1",
             args![id.to_string()],
         )
-        .fetch_optional()
         .await?;
     match row {
         Some(row) => read_closed(&row, "closed"),
@@ -149,9 +147,14 @@ pub(super) async fn closed(
 
 /// Writes the row of a new case.
 async fn insert(connection: &mut Connection, new: &NewCase, now: i64) -> Result<(), StoreError> {
-    connection.query("INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
-         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))", args![new.id.to_string(), new.parameters.closing_radius_mm, without_columns(&new.parameters)?, &new.parameters.name, now, new.previous.map(|id| id.to_string())])
-    .execute()
+    connection.execute(
+        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
+         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))",
+        args![
+            new.id.to_string(), new.parameters.closing_radius_mm, without_columns(&new.parameters)?,
+            &new.parameters.name, now, new.previous.map(|id| id.to_string()),
+        ],
+    )
     .await?;
     Ok(())
 }
@@ -177,8 +180,10 @@ pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
 }
 
 async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
-    connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1", args![id.to_string()])
-        .execute()
+    connection.execute(
+        "UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1",
+        args![id.to_string()],
+    )
         .await?;
     Ok(())
 }
@@ -210,12 +215,11 @@ pub(super) async fn refer(
     let before = objects(connection, id).await?;
     for name in &pinned.names {
         connection
-            .query(
+            .execute(
                 "INSERT INTO case_objects (case_id, kind, digest) VALUES ($1, $2, $3)
              ON CONFLICT (case_id, kind) DO UPDATE SET digest = excluded.digest",
                 args![id.to_string(), name.kind.name(), name.digest.to_string()],
             )
-            .execute()
             .await?;
     }
     let after = objects(connection, id).await?;
@@ -240,26 +244,34 @@ pub(super) async fn write_copied(
         .map(serde_json::to_string)
         .transpose()?;
     let written = connection
-        .query("INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
+        .execute(
+            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
                                 uploaded_at, kept, previous)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
              ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
                                             facts = excluded.facts, facts_digest = excluded.facts_digest,
                                             voxels = excluded.voxels,
                                             uploaded_at = excluded.uploaded_at, kept = excluded.kept
-             WHERE cases.state <> 'ready' OR excluded.state = 'ready'", args![case.id.to_string(), case.parameters.closing_radius_mm, without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure, facts.as_deref(), facts.as_deref().map(upkeep::digest), case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(), case.uploaded_at.as_microsecond(), case.kept, case.previous.map(|id| id.to_string())])
-        .execute()
+             WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
+            args![
+                case.id.to_string(), case.parameters.closing_radius_mm,
+                without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure,
+                facts.as_deref(), facts.as_deref().map(upkeep::digest),
+                case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
+                case.uploaded_at.as_microsecond(), case.kept,
+                case.previous.map(|id| id.to_string()),
+            ],
+        )
         .await?;
     Ok(written > 0)
 }
 
 pub(super) async fn is_ready(connection: &mut Connection, id: &CaseId) -> Result<bool, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready",
             args![id.to_string()],
         )
-        .fetch_one()
         .await?;
     row.get("ready")
 }
@@ -270,8 +282,10 @@ pub(super) async fn make_ready(
     facts: &CaseFacts,
 ) -> Result<(), StoreError> {
     let stored = serde_json::to_string(facts)?;
-    connection.query("UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4", args![&stored, upkeep::digest(&stored), values_of(facts), id.to_string()])
-    .execute()
+    connection.execute(
+        "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
+        args![&stored, upkeep::digest(&stored), values_of(facts), id.to_string()],
+    )
     .await?;
     Ok(())
 }
@@ -284,11 +298,10 @@ pub(super) async fn change_facts(
 ) -> Result<(), StoreError> {
     let stored = serde_json::to_string(facts)?;
     connection
-        .query(
+        .execute(
             "UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'",
             args![&stored, upkeep::digest(&stored), id.to_string()],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -306,21 +319,24 @@ pub(super) async fn make_failed(
     now: i64,
 ) -> Result<(), StoreError> {
     let failure = serde_json::to_string(failure)?;
-    connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2", args![failure.clone(), id.to_string()])
-        .execute()
+    connection.execute(
+        "UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2",
+        args![failure.clone(), id.to_string()],
+    )
         .await?;
     connection
-        .query(
+        .execute(
             "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL
              WHERE case_id = $2 AND state = 'queued'",
             args![failure.clone(), id.to_string()],
         )
-        .execute()
         .await?;
     connection
-        .query("UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
-             WHERE case_id = $3 AND needs_ready AND state IN ('queued', 'running')", args![failure, now, id.to_string()])
-        .execute()
+        .execute(
+            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
+             WHERE case_id = $3 AND needs_ready AND state IN ('queued', 'running')",
+            args![failure, now, id.to_string()],
+        )
         .await?;
     Ok(())
 }
@@ -331,11 +347,10 @@ pub(super) async fn rename(
     name: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE cases SET name = $1 WHERE id = $2",
             args![name, id.to_string()],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -347,11 +362,10 @@ pub(super) async fn keep(
     kept: bool,
 ) -> Result<bool, StoreError> {
     let changed = connection
-        .query(
+        .execute(
             "UPDATE cases SET kept = $1 WHERE id = $2",
             args![kept, id.to_string()],
         )
-        .execute()
         .await?;
     Ok(changed > 0)
 }
@@ -363,14 +377,13 @@ pub(super) async fn uploaded_before(
     limit: usize,
 ) -> Result<Vec<CaseId>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT id FROM cases
              WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
                AND NOT kept AND state IN ('ready', 'failed')
              ORDER BY created_at, id LIMIT $2",
             args![time, i64::try_from(limit).unwrap_or(i64::MAX)],
         )
-        .fetch_all()
         .await?;
     let read = |row: &Row| {
         let id: String = row.get("id")?;
@@ -385,13 +398,12 @@ pub(super) async fn count_uploaded_before(
     time: i64,
 ) -> Result<u64, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT count(*) AS count FROM cases
              WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
                AND NOT kept AND state IN ('ready', 'failed')",
             args![time],
         )
-        .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
     Ok(u64::try_from(count).unwrap_or(0))
@@ -404,13 +416,12 @@ pub(super) async fn is_uploaded_before(
     time: i64,
 ) -> Result<bool, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT EXISTS (SELECT 1 FROM cases
                             WHERE id = $1 AND COALESCE(uploaded_at, created_at) <= $2
                               AND NOT kept AND state IN ('ready', 'failed')) AS old",
             args![id.to_string(), time],
         )
-        .fetch_one()
         .await?;
     row.get("old")
 }
@@ -427,13 +438,14 @@ pub(super) async fn delete(
     let tables = connection.tables();
     tables.leave_case(connection, id, now).await?;
     // Its versions become those of the case that it is itself a version of.
-    connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1", args![id.to_string()])
-        .execute()
+    connection.execute(
+        "UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1",
+        args![id.to_string()],
+    )
         .await?;
     // The jobs, the layers and the references go with the case (ON DELETE CASCADE).
     let deleted = connection
-        .query("DELETE FROM cases WHERE id = $1", args![id.to_string()])
-        .execute()
+        .execute("DELETE FROM cases WHERE id = $1", args![id.to_string()])
         .await?;
     if let Some(values) = known
         .as_ref()
@@ -474,11 +486,10 @@ pub(super) async fn objects(
     id: &CaseId,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind",
             args![id.to_string()],
         )
-        .fetch_all()
         .await?;
     rows.iter().map(pins::read_name).collect()
 }
@@ -488,8 +499,7 @@ pub(super) async fn one(
     id: &CaseId,
 ) -> Result<Option<Case>, StoreError> {
     let row = connection
-        .query(select_case!("WHERE id = $1"), args![id.to_string()])
-        .fetch_optional()
+        .fetch_optional(select_case!("WHERE id = $1"), args![id.to_string()])
         .await?;
     row.as_ref().map(read).transpose()
 }
@@ -501,10 +511,12 @@ pub(super) async fn with_voxels(
     limit: usize,
 ) -> Result<Vec<Case>, StoreError> {
     let rows = connection
-        .query(select_case!(
+        .fetch_all(
+            select_case!(
             "WHERE voxels = $1 AND cases.state = 'ready' ORDER BY created_at DESC, id DESC LIMIT $2"
-        ), args![values, i64::try_from(limit).unwrap_or(i64::MAX)])
-        .fetch_all()
+        ),
+            args![values, i64::try_from(limit).unwrap_or(i64::MAX)],
+        )
         .await?;
     rows.iter().map(read).collect()
 }
@@ -546,7 +558,7 @@ pub(super) async fn page(
     if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
         args.append(&mut args![study, series, number, patient]);
     }
-    let rows = connection.query(statement, args).fetch_all().await?;
+    let rows = connection.fetch_all(statement, args).await?;
     let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = cases.len() > limit;
     cases.truncate(limit);

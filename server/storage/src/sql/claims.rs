@@ -55,14 +55,13 @@ pub(super) async fn oldest_available(
     now: i64,
 ) -> Result<Option<Available>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             match wanted.kind == JobKind::PREPARE {
                 true => IN_TURNS,
                 false => select_available!(""),
             },
             args![wanted.kind.name(), now, wanted.key],
         )
-        .fetch_optional()
         .await?;
     row.map(|row| {
         Ok(Available {
@@ -112,14 +111,13 @@ async fn lease(
     let until = now + microseconds(time);
     let fence = fence::next(connection, until).await?;
     let row = connection
-        .query(
+        .fetch_one(
             // The reason of an attempt is that of the latest one, and one that was killed has none.
             "UPDATE jobs SET state = 'running', attempts = attempts + 1, fence = $1, lease_until = $2,
                              progress = NULL, failure = NULL
              WHERE id = $3 RETURNING key, case_id, payload, attempts, created_at",
             args![fence, until, id],
         )
-        .fetch_one()
         .await?;
     let (attempts, created_at): (i64, i64) = (row.get("attempts")?, row.get("created_at")?);
     Ok(Claim {

@@ -17,8 +17,8 @@ use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
-use sqlx::postgres::{PgArguments, PgConnection, PgRow};
-use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqliteRow};
+use sqlx::postgres::{PgConnection, PgRow};
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 
 use super::{postgres, sqlite};
@@ -238,20 +238,83 @@ impl Connection {
         Arc::clone(&self.tables)
     }
 
-    /// A statement to be run, with the values of its parameters: `connection.query("… WHERE id = $1", args![id])`.
-    pub fn query(&mut self, sql: &'static str, args: Vec<Value>) -> Query<'_> {
+    fn channel(&mut self) -> Channel<'_> {
         match &mut self.way {
-            Way::Sqlite(connection) => Query::Sqlite(connection, bound(sql, args)),
-            Way::SqliteTransaction(transaction, _) => Query::Sqlite(transaction, bound(sql, args)),
-            Way::Postgres(connection) => Query::Postgres(connection, bound(sql, args)),
-            Way::PostgresTransaction(transaction) => Query::Postgres(transaction, bound(sql, args)),
+            Way::Sqlite(connection) => Channel::Sqlite(connection),
+            Way::SqliteTransaction(transaction, _) => Channel::Sqlite(transaction),
+            Way::Postgres(connection) => Channel::Postgres(connection),
+            Way::PostgresTransaction(transaction) => Channel::Postgres(transaction),
         }
+    }
+
+    /// Runs a statement with the values of its parameters, such as `("… WHERE id = $1", args![id])`, and returns the number of changed rows.
+    pub fn execute(
+        &mut self,
+        sql: &'static str,
+        args: Vec<Value>,
+    ) -> BoxFuture<'_, Result<u64, StoreError>> {
+        async move {
+            Ok(match self.channel() {
+                Channel::Sqlite(to) => bound(sql, args).execute(to).await?.rows_affected(),
+                Channel::Postgres(to) => bound(sql, args).execute(to).await?.rows_affected(),
+            })
+        }
+        .boxed()
+    }
+
+    /// The rows of a statement.
+    pub fn fetch_all(
+        &mut self,
+        sql: &'static str,
+        args: Vec<Value>,
+    ) -> BoxFuture<'_, Result<Vec<Row>, StoreError>> {
+        async move {
+            Ok(match self.channel() {
+                Channel::Sqlite(to) => {
+                    let rows = bound(sql, args).fetch_all(to).await?;
+                    rows.into_iter().map(Row::Sqlite).collect()
+                }
+                Channel::Postgres(to) => {
+                    let rows = bound(sql, args).fetch_all(to).await?;
+                    rows.into_iter().map(Row::Postgres).collect()
+                }
+            })
+        }
+        .boxed()
+    }
+
+    /// The first row of a statement, if there is any.
+    pub fn fetch_optional(
+        &mut self,
+        sql: &'static str,
+        args: Vec<Value>,
+    ) -> BoxFuture<'_, Result<Option<Row>, StoreError>> {
+        async move {
+            Ok(match self.channel() {
+                Channel::Sqlite(to) => bound(sql, args).fetch_optional(to).await?.map(Row::Sqlite),
+                Channel::Postgres(to) => bound(sql, args)
+                    .fetch_optional(to)
+                    .await?
+                    .map(Row::Postgres),
+            })
+        }
+        .boxed()
+    }
+
+    /// The first row of a statement.
+    pub async fn fetch_one(
+        &mut self,
+        sql: &'static str,
+        args: Vec<Value>,
+    ) -> Result<Row, StoreError> {
+        let row = self.fetch_optional(sql, args).await?;
+        row.ok_or_else(|| sqlx::Error::RowNotFound.into())
     }
 
     /// Whether there is a case with this id.
     pub async fn has_case(&mut self, id: &str) -> Result<bool, StoreError> {
         let sql = "SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS found";
-        self.query(sql, args![id]).fetch_one().await?.get("found")
+        self.fetch_one(sql, args![id]).await?.get("found")
     }
 
     /// Microseconds since 1970 by the database's clock.
@@ -260,15 +323,15 @@ impl Connection {
             Way::Sqlite(_) | Way::SqliteTransaction(..) => sqlite::NOW,
             Way::Postgres(_) | Way::PostgresTransaction(_) => postgres::NOW,
         };
-        self.query(sql, args![]).fetch_one().await?.get("now")
+        self.fetch_one(sql, args![]).await?.get("now")
     }
 
     /// Commits a transaction whose loss in a power cut costs only work that is done again, without waiting for PostgreSQL's disk while other writers
     /// wait. It is durable within a second, and before anything that is committed after it.
     pub(super) async fn commit_soon(mut self) -> Result<(), StoreError> {
         if let Way::PostgresTransaction(_) = self.way {
-            let asynchronous = self.query("SET LOCAL synchronous_commit = off", args![]);
-            asynchronous.execute().await?;
+            let sql = "SET LOCAL synchronous_commit = off";
+            self.execute(sql, args![]).await?;
         }
         self.commit().await
     }
@@ -346,69 +409,10 @@ where
     })
 }
 
-/// A statement to be run.
-pub enum Query<'c> {
-    Sqlite(
-        &'c mut SqliteConnection,
-        sqlx::query::Query<'static, Sqlite, SqliteArguments>,
-    ),
-    Postgres(
-        &'c mut PgConnection,
-        sqlx::query::Query<'static, Postgres, PgArguments>,
-    ),
-}
-
-impl<'c> Query<'c> {
-    /// Runs it and returns the number of changed rows.
-    pub fn execute(self) -> BoxFuture<'c, Result<u64, StoreError>> {
-        async move {
-            Ok(match self {
-                Self::Sqlite(connection, query) => query.execute(connection).await?.rows_affected(),
-                Self::Postgres(connection, query) => {
-                    query.execute(connection).await?.rows_affected()
-                }
-            })
-        }
-        .boxed()
-    }
-
-    /// Its rows.
-    pub fn fetch_all(self) -> BoxFuture<'c, Result<Vec<Row>, StoreError>> {
-        async move {
-            Ok(match self {
-                Self::Sqlite(connection, query) => {
-                    let rows = query.fetch_all(connection).await?;
-                    rows.into_iter().map(Row::Sqlite).collect()
-                }
-                Self::Postgres(connection, query) => {
-                    let rows = query.fetch_all(connection).await?;
-                    rows.into_iter().map(Row::Postgres).collect()
-                }
-            })
-        }
-        .boxed()
-    }
-
-    /// Its first row, if there is any.
-    pub fn fetch_optional(self) -> BoxFuture<'c, Result<Option<Row>, StoreError>> {
-        async move {
-            Ok(match self {
-                Self::Sqlite(connection, query) => {
-                    query.fetch_optional(connection).await?.map(Row::Sqlite)
-                }
-                Self::Postgres(connection, query) => {
-                    query.fetch_optional(connection).await?.map(Row::Postgres)
-                }
-            })
-        }
-        .boxed()
-    }
-
-    /// Its first row.
-    pub async fn fetch_one(self) -> Result<Row, StoreError> {
-        let row = self.fetch_optional().await?;
-        row.ok_or_else(|| sqlx::Error::RowNotFound.into())
-    }
+/// What runs a statement.
+enum Channel<'c> {
+    Sqlite(&'c mut SqliteConnection),
+    Postgres(&'c mut PgConnection),
 }
 
 /// A row of either database.

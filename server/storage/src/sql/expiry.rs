@@ -28,8 +28,7 @@ impl Store {
             return Ok(Allowance::None);
         }
         transaction
-            .query("UPDATE expiry SET seen_at = $1", args![now])
-            .execute()
+            .execute("UPDATE expiry SET seen_at = $1", args![now])
             .await?;
         let allowance = match is_confirmed {
             true => Allowance::All,
@@ -44,11 +43,10 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let today = self.rows().now(&mut connection).await? / DAY;
         let row = connection
-            .query(
+            .fetch_one(
                 "SELECT CASE WHEN day = $1 THEN removed ELSE 0 END AS gone FROM expiry",
                 args![today],
             )
-            .fetch_one()
             .await?;
         Ok(allowance.covers(row.get::<i64>("gone")? + 1))
     }
@@ -91,8 +89,7 @@ impl Store {
 /// The last time that was believed; before the first one, that of the latest row.
 async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
     let row = connection
-        .query("SELECT seen_at FROM expiry", args![])
-        .fetch_one()
+        .fetch_one("SELECT seen_at FROM expiry", args![])
         .await?;
     match row.get("seen_at")? {
         Some(seen) => Ok(Some(seen)),
@@ -103,9 +100,11 @@ async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreErro
 /// The most cases of one day among those that are there.
 async fn busiest_day(connection: &mut Connection) -> Result<i64, StoreError> {
     let row = connection
-        .query("SELECT COALESCE(max(cases), 0) AS busiest FROM
-               (SELECT count(*) AS cases FROM cases GROUP BY COALESCE(uploaded_at, created_at) / $1) AS days", args![DAY])
-        .fetch_one()
+        .fetch_one(
+            "SELECT COALESCE(max(cases), 0) AS busiest FROM
+               (SELECT count(*) AS cases FROM cases GROUP BY COALESCE(uploaded_at, created_at) / $1) AS days",
+            args![DAY],
+        )
         .await?;
     row.get("busiest")
 }
@@ -113,8 +112,10 @@ async fn busiest_day(connection: &mut Connection) -> Result<i64, StoreError> {
 /// Counts a case that goes on a day; how many have gone then, with it.
 async fn count_removal(connection: &mut Connection, day: i64) -> Result<i64, StoreError> {
     let row = connection
-        .query("UPDATE expiry SET removed = CASE WHEN day = $1 THEN removed + 1 ELSE 1 END, day = $1 RETURNING removed", args![day])
-        .fetch_one()
+        .fetch_one(
+            "UPDATE expiry SET removed = CASE WHEN day = $1 THEN removed + 1 ELSE 1 END, day = $1 RETURNING removed",
+            args![day],
+        )
         .await?;
     row.get("removed")
 }

@@ -10,8 +10,10 @@ use crate::args;
 /// The next number, for a lease until a time.
 pub(super) async fn next(connection: &mut Connection, until: i64) -> Result<i64, StoreError> {
     let row = connection
-        .query("UPDATE fence SET value = CASE WHEN value < $1 THEN $1 ELSE value + 1 END RETURNING value", args![until])
-        .fetch_one()
+        .fetch_one(
+            "UPDATE fence SET value = CASE WHEN value < $1 THEN $1 ELSE value + 1 END RETURNING value",
+            args![until],
+        )
         .await?;
     row.get("value")
 }

@@ -45,11 +45,11 @@ impl Store {
     #[cfg(test)]
     pub(crate) async fn damage_findings(&self, id: &CaseId) {
         let mut connection = self.rows().connect().await.unwrap();
-        let damaged = connection.query(
+        let damaged = connection.execute(
             "UPDATE findings SET document = '[0]' WHERE case_id = $1",
             args![id.to_string()],
         );
-        damaged.execute().await.unwrap();
+        damaged.await.unwrap();
     }
 
     /// Gives a case the findings that it has in another store.
@@ -69,11 +69,10 @@ impl Store {
 
 async fn one(connection: &mut Connection, id: &CaseId) -> Result<StoredFindings, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT document, digest FROM findings WHERE case_id = $1",
             args![id.to_string()],
         )
-        .fetch_optional()
         .await?;
     match row {
         Some(row) => read(&row, id),
@@ -98,10 +97,15 @@ async fn put(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO findings (case_id, document, digest, changed_at) VALUES ($1, $2, $3, $4)
+        .execute(
+            "INSERT INTO findings (case_id, document, digest, changed_at) VALUES ($1, $2, $3, $4)
              ON CONFLICT (case_id) DO UPDATE SET document = excluded.document, digest = excluded.digest,
-                                                 changed_at = excluded.changed_at", args![id.to_string(), findings.document.clone(), findings.version.digest().to_string(), now])
-        .execute()
+                                                 changed_at = excluded.changed_at",
+            args![
+                id.to_string(), findings.document.clone(), findings.version.digest().to_string(),
+                now,
+            ],
+        )
         .await?;
     Ok(())
 }
@@ -113,12 +117,11 @@ pub(super) async fn inherit(
     previous: &CaseId,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "INSERT INTO findings (case_id, document, digest, changed_at)
              SELECT $1, document, digest, changed_at FROM findings WHERE case_id = $2",
             args![case.to_string(), previous.to_string()],
         )
-        .execute()
         .await?;
     Ok(())
 }

@@ -41,10 +41,15 @@ pub(super) async fn enqueue_for(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client)
+        .execute(
+            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client)
              VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8)
-             ON CONFLICT DO NOTHING", args![new_id(), new.kind.name(), &new.key, new.case.map(|case| case.to_string()), new.needs_ready, &new.payload, now, client])
-        .execute()
+             ON CONFLICT DO NOTHING",
+            args![
+                new_id(), new.kind.name(), &new.key, new.case.map(|case| case.to_string()),
+                new.needs_ready, &new.payload, now, client,
+            ],
+        )
         .await?;
     Ok(())
 }
@@ -61,19 +66,24 @@ pub async fn write_copied(
     };
     let failure = job.failure.as_ref().map(serde_json::to_string);
     connection
-        .query("INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, failure, attempts, created_at,
+        .execute(
+            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, failure, attempts, created_at,
                                available_at, ended_at)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
-             ON CONFLICT DO NOTHING", args![&job.id, &job.kind, &job.key, job.case.map(|case| case.to_string()), false, &job.payload, state.name(), failure.transpose()?, i64::from(job.attempts), job.created_at.as_microsecond(), now, job.ended_at.map(Timestamp::as_microsecond)])
-        .execute()
+             ON CONFLICT DO NOTHING",
+            args![
+                &job.id, &job.kind, &job.key, job.case.map(|case| case.to_string()), false,
+                &job.payload, state.name(), failure.transpose()?, i64::from(job.attempts),
+                job.created_at.as_microsecond(), now, job.ended_at.map(Timestamp::as_microsecond),
+            ],
+        )
         .await?;
     Ok(())
 }
 
 pub(super) async fn one(connection: &mut Connection, id: &str) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query(select_job!("WHERE id = $1"), args![id])
-        .fetch_optional()
+        .fetch_optional(select_job!("WHERE id = $1"), args![id])
         .await?;
     row.as_ref().map(read).transpose()
 }
@@ -85,11 +95,10 @@ pub(super) async fn latest(
     key: &str,
 ) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             select_job!("WHERE kind = $1 AND key = $2 ORDER BY created_at DESC, id DESC LIMIT 1"),
             args![kind.name(), key],
         )
-        .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
 }
@@ -100,11 +109,10 @@ pub async fn latest_of_key(
     key: &str,
 ) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             select_job!("WHERE key = $1 ORDER BY created_at DESC, id DESC LIMIT 1"),
             args![key],
         )
-        .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
 }
@@ -121,7 +129,7 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query(
+        .fetch_all(
             select_job!(
                 "WHERE kind = $1 AND (created_at, id) < ($2, $3) AND coalesce($4, state) = state
                AND substr(key, 1, length($5)) = $5
@@ -136,7 +144,6 @@ pub(super) async fn page(
                 i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX)
             ],
         )
-        .fetch_all()
         .await?;
     let mut jobs = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let has_more = jobs.len() > limit;
@@ -155,12 +162,11 @@ pub(super) async fn oldest_of_each_kind(
     now: i64,
 ) -> Result<Vec<(String, Duration)>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT kind, min(created_at) AS oldest FROM jobs WHERE state IN ('queued', 'running')
              GROUP BY kind ORDER BY kind",
             args![],
         )
-        .fetch_all()
         .await?;
     let read = |row: &Row| {
         let oldest: i64 = row.get("oldest")?;
@@ -176,13 +182,12 @@ pub(super) async fn waiting(
     kind: JobKind,
 ) -> Result<usize, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             // SQLite uses the index of open jobs only for the words of its condition.
             "SELECT count(*) AS count FROM jobs
              WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
             args![kind.name()],
         )
-        .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
@@ -216,13 +221,12 @@ async fn time_to_a_place(
     now: i64,
 ) -> Result<Option<Duration>, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT count(*) AS count, coalesce(min(created_at), 0) AS oldest FROM jobs
              WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
                AND ($2 = '' OR client = $2)",
             args![kind.name(), client],
         )
-        .fetch_one()
         .await?;
     let (count, oldest): (i64, i64) = (row.get("count")?, row.get("oldest")?);
     let count = usize::try_from(count).unwrap_or(0);
@@ -230,13 +234,12 @@ async fn time_to_a_place(
         return Ok(None);
     }
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT count(*) AS ended, coalesce(max(ended_at), $3) AS last FROM jobs
              WHERE kind = $1 AND state IN ('done', 'failed') AND ended_at > $3
                AND ($2 = '' OR client = $2)",
             args![kind.name(), client, oldest],
         )
-        .fetch_one()
         .await?;
     let (ended, last): (i64, i64) = (row.get("ended")?, row.get("last")?);
     let of_one = (now - oldest).max(0) / ended.max(1);
@@ -257,12 +260,11 @@ pub(super) async fn renew(
     progress: Option<&str>,
 ) -> Result<bool, StoreError> {
     let renewed = connection
-        .query(
+        .execute(
             "UPDATE jobs SET lease_until = $1, progress = coalesce($2, progress)
              WHERE id = $3 AND fence = $4 AND state = 'running'",
             args![until, progress, &claim.id, claim.fence],
         )
-        .execute()
         .await?;
     Ok(renewed > 0)
 }
@@ -278,7 +280,7 @@ pub(super) async fn release(
     let failure = release.failure.as_ref();
     let failure = failure.map(serde_json::to_string).transpose()?;
     let released = connection
-        .query(
+        .execute(
             "UPDATE jobs SET state = 'queued', lease_until = NULL, fence = 0, available_at = $1,
                              attempts = attempts - $2, progress = NULL, failure = $3
              WHERE id = $4 AND fence = $5 AND state = 'running'",
@@ -290,7 +292,6 @@ pub(super) async fn release(
                 claim.fence
             ],
         )
-        .execute()
         .await?;
     Ok(released > 0)
 }
@@ -322,8 +323,10 @@ pub(super) async fn end(
     };
     let failure = result.err().map(serde_json::to_string).transpose()?;
     connection
-        .query("UPDATE jobs SET state = $1, failure = $2, ended_at = $3, fence = 0, lease_until = NULL WHERE id = $4", args![state.name(), failure, now, id])
-        .execute()
+        .execute(
+            "UPDATE jobs SET state = $1, failure = $2, ended_at = $3, fence = 0, lease_until = NULL WHERE id = $4",
+            args![state.name(), failure, now, id],
+        )
         .await?;
     Ok(())
 }
@@ -335,11 +338,10 @@ pub async fn became(
     case: &CaseId,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE jobs SET case_id = $1 WHERE id = $2",
             args![case.to_string(), &claim.id],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -351,11 +353,10 @@ pub async fn cancel(
     key: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "DELETE FROM jobs WHERE kind = $1 AND key = $2 AND state IN ('queued', 'running')",
             args![kind.name(), key],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -363,8 +364,7 @@ pub async fn cancel(
 /// Removes all jobs with a key.
 pub async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM jobs WHERE key = $1", args![key])
-        .execute()
+        .execute("DELETE FROM jobs WHERE key = $1", args![key])
         .await?;
     Ok(())
 }
@@ -373,19 +373,20 @@ pub async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreE
 pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
     let kept = connection.tables().kept_jobs().map_or("", JobKind::name);
     connection
-        .query(
+        .execute(
             "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1 AND kind <> $2",
             args![before, kept],
         )
-        .execute()
         .await?;
     Ok(())
 }
 
 pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE jobs SET lease_until = $1 WHERE state IN ('queued', 'running') AND lease_until > $1", args![now])
-        .execute()
+        .execute(
+            "UPDATE jobs SET lease_until = $1 WHERE state IN ('queued', 'running') AND lease_until > $1",
+            args![now],
+        )
         .await?;
     Ok(())
 }

@@ -90,9 +90,14 @@ async fn insert_row(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, series_uid)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $6)", args![new.case.to_string(), new.id.to_string(), name, serde_json::to_string(&new.parameters)?, now, new.series.as_ref().map(Uid::as_str)])
-        .execute()
+        .execute(
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, series_uid)
+             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $6)",
+            args![
+                new.case.to_string(), new.id.to_string(), name,
+                serde_json::to_string(&new.parameters)?, now, new.series.as_ref().map(Uid::as_str),
+            ],
+        )
         .await?;
     let made = Made::layer(&new.case, &new.id);
     made::make(connection, &made, &new.images).await?;
@@ -108,11 +113,10 @@ pub(super) async fn queue_again(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2",
             args![case.to_string(), layer.to_string()],
         )
-        .execute()
         .await?;
     jobs::enqueue_for(connection, &NewJob::layer(case, layer), client, now).await
 }
@@ -125,20 +129,24 @@ pub(super) async fn inherit(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid, closed)
+        .execute(
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid, closed)
              SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, series_uid, closed FROM layers
-             WHERE case_id = $2 AND state <> 'failed'", args![case.to_string(), previous.to_string()])
-        .execute()
+             WHERE case_id = $2 AND state <> 'failed'",
+            args![case.to_string(), previous.to_string()],
+        )
         .await?;
     for layer in of_case(connection, case).await? {
         jobs::enqueue(connection, &NewJob::layer(case, &layer.id), now).await?;
     }
     made::inherit_layers(connection, case, previous).await?;
     connection
-        .query("INSERT INTO layer_objects (case_id, layer_id, kind, digest)
+        .execute(
+            "INSERT INTO layer_objects (case_id, layer_id, kind, digest)
              SELECT $1, layer_id, kind, digest FROM layer_objects JOIN layers ON layers.case_id = $1 AND layers.id = layer_id
-             WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')", args![case.to_string(), previous.to_string()])
-        .execute()
+             WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')",
+            args![case.to_string(), previous.to_string()],
+        )
         .await?;
     Ok(())
 }
@@ -157,9 +165,13 @@ pub(super) async fn refer(
     let before = objects(connection, case, layer).await?;
     for name in &pinned.names {
         connection
-            .query("INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
-                 ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest", args![case.to_string(), layer.to_string(), name.kind.name(), name.digest.to_string()])
-            .execute()
+            .execute(
+                "INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
+                 ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest",
+                args![
+                    case.to_string(), layer.to_string(), name.kind.name(), name.digest.to_string(),
+                ],
+            )
             .await?;
     }
     let after = objects(connection, case, layer).await?;
@@ -174,8 +186,10 @@ pub(super) async fn objects(
     layer: &LayerId,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
-        .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind", args![case.to_string(), layer.to_string()])
-        .fetch_all()
+        .fetch_all(
+            "SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind",
+            args![case.to_string(), layer.to_string()],
+        )
         .await?;
     rows.iter().map(pins::read_name).collect()
 }
@@ -187,11 +201,10 @@ pub(super) async fn abandon_all(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT kind, digest FROM layer_objects WHERE case_id = $1",
             args![case.to_string()],
         )
-        .fetch_all()
         .await?;
     let names = rows.iter().map(pins::read_name);
     pins::abandon(connection, names.collect::<Result<_, _>>()?, now).await
@@ -199,11 +212,10 @@ pub(super) async fn abandon_all(
 
 pub async fn of_case(connection: &mut Connection, case: &CaseId) -> Result<Vec<Layer>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             select_layer!("WHERE case_id = $1 ORDER BY place, id"),
             args![case.to_string()],
         )
-        .fetch_all()
         .await?;
     rows.iter().map(read).collect()
 }
@@ -214,11 +226,10 @@ pub(super) async fn of_series(
     series: &Uid,
 ) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT case_id, id FROM layers WHERE series_uid = $1 ORDER BY case_id, place",
             args![series.as_str()],
         )
-        .fetch_all()
         .await?;
     rows.iter().map(read_ids).collect()
 }
@@ -230,11 +241,10 @@ pub(super) async fn series_of(
     layer: &LayerId,
 ) -> Result<Option<Uid>, StoreError> {
     let row = connection
-        .query(
+        .fetch_optional(
             "SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2",
             args![case.to_string(), layer.to_string()],
         )
-        .fetch_optional()
         .await?;
     let series: Option<String> = match row {
         Some(row) => row.get("series_uid")?,
@@ -274,11 +284,10 @@ pub(super) async fn change(
             return Err(StoreError::LayerNameTaken);
         }
         connection
-            .query(
+            .execute(
                 "UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3",
                 args![name, case.to_string(), layer.to_string()],
             )
-            .execute()
             .await?;
     }
     if let Some(contrast) = change.contrast {
@@ -287,7 +296,7 @@ pub(super) async fn change(
             ..layers[from].parameters.clone()
         };
         connection
-            .query(
+            .execute(
                 "UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3",
                 args![
                     serde_json::to_string(&parameters)?,
@@ -295,7 +304,6 @@ pub(super) async fn change(
                     layer.to_string()
                 ],
             )
-            .execute()
             .await?;
     }
     if let Some(place) = change.place {
@@ -304,11 +312,10 @@ pub(super) async fn change(
         ids.insert(place.min(ids.len()), *layer);
         for (place, id) in (0i64..).zip(ids) {
             connection
-                .query(
+                .execute(
                     "UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3",
                     args![place, case.to_string(), id.to_string()],
                 )
-                .execute()
                 .await?;
         }
     }
@@ -326,11 +333,10 @@ pub(super) async fn delete(
     jobs::remove(connection, &layer_key(case, layer)).await?;
     made::forget(connection, &Made::layer(case, layer)).await?;
     let deleted = connection
-        .query(
+        .execute(
             "DELETE FROM layers WHERE case_id = $1 AND id = $2",
             args![case.to_string(), layer.to_string()],
         )
-        .execute()
         .await?;
     Ok(deleted > 0)
 }
@@ -343,8 +349,10 @@ pub(super) async fn make_ready(
 ) -> Result<(), StoreError> {
     let facts = serde_json::to_string(facts)?;
     connection
-        .query("UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4", args![&facts, upkeep::digest(&facts), case.to_string(), layer.to_string()])
-        .execute()
+        .execute(
+            "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
+            args![&facts, upkeep::digest(&facts), case.to_string(), layer.to_string()],
+        )
         .await?;
     Ok(())
 }
@@ -361,15 +369,16 @@ pub(super) async fn make_failed(
     pins::abandon(connection, needed, now).await?;
     let [case, layer] = [case.to_string(), layer.to_string()];
     connection
-        .query(
+        .execute(
             "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2",
             args![&*case, &*layer],
         )
-        .execute()
         .await?;
     connection
-        .query("UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3", args![serde_json::to_string(failure)?, &*case, &*layer])
-        .execute()
+        .execute(
+            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3",
+            args![serde_json::to_string(failure)?, &*case, &*layer],
+        )
         .await?;
     Ok(())
 }
@@ -414,11 +423,18 @@ pub(super) async fn write_copied(
     let others = of_case(connection, &layer.case).await?;
     let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
     connection
-        .query("INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
+        .execute(
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
              VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9, $10)
              ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
-                                                     facts = excluded.facts, facts_digest = excluded.facts_digest", args![layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(), serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(), facts.as_deref().map(upkeep::digest), layer.created_at.as_microsecond(), series.map(Uid::as_str)])
-        .execute()
+                                                     facts = excluded.facts, facts_digest = excluded.facts_digest",
+            args![
+                layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(),
+                serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(),
+                facts.as_deref().map(upkeep::digest), layer.created_at.as_microsecond(),
+                series.map(Uid::as_str),
+            ],
+        )
         .await?;
     if !refer(connection, &layer.case, &layer.id, objects, now).await? {
         return Err(StoreError::Rows("a pin was lost".into()));
@@ -445,18 +461,16 @@ pub(super) async fn forget_facts(
     maps.retain(|name| name.kind == ObjectKind::Maps);
     pins::abandon(connection, maps, now).await?;
     connection
-        .query(
+        .execute(
             "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'",
             args![case.to_string(), layer.to_string()],
         )
-        .execute()
         .await?;
     connection
-        .query(
+        .execute(
             "UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2",
             args![case.to_string(), layer.to_string()],
         )
-        .execute()
         .await?;
     queue_again(connection, case, layer, "", now).await
 }

@@ -22,13 +22,18 @@ pub async fn make(
         let print = as_it_is_known(connection, &image.uid, &image.fingerprint, last.as_ref());
         let print = print.await?;
         connection
-            .query("INSERT INTO made_of (case_id, layer_id, result_id, sop_instance_uid, fingerprint, times)
+            .execute(
+                "INSERT INTO made_of (case_id, layer_id, result_id, sop_instance_uid, fingerprint, times)
                  VALUES ($1, $2, $3, $4, $5, $6)
                  ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
                  SET fingerprint = excluded.fingerprint,
                      times = CASE WHEN excluded.times > made_of.times THEN excluded.times ELSE made_of.times END
-                 WHERE $7", args![&made.case, &made.layer, &made.result, image.uid.as_str(), print.to_string(), i64::try_from(image.times).unwrap_or(i64::MAX), last.as_ref() == Some(&print)])
-            .execute()
+                 WHERE $7",
+                args![
+                    &made.case, &made.layer, &made.result, image.uid.as_str(), print.to_string(),
+                    i64::try_from(image.times).unwrap_or(i64::MAX), last.as_ref() == Some(&print),
+                ],
+            )
             .await?;
     }
     tables.judge(connection, made).await
@@ -42,11 +47,10 @@ pub async fn as_it_is_known(
     last: Option<&Fingerprint>,
 ) -> Result<Fingerprint, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT DISTINCT fingerprint FROM made_of WHERE sop_instance_uid = $1",
             args![image.as_str()],
         )
-        .fetch_all()
         .await?;
     let of_others = rows.iter().map(read_fingerprint);
     let of_others = of_others.collect::<Result<Vec<_>, _>>()?;
@@ -62,13 +66,12 @@ pub(super) async fn inherit(
     previous: &CaseId,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "INSERT INTO made_of (case_id, sop_instance_uid, fingerprint, times)
              SELECT $1, sop_instance_uid, fingerprint, times FROM made_of
              WHERE case_id = $2 AND layer_id = '' AND result_id = '' ON CONFLICT DO NOTHING",
             args![case.to_string(), previous.to_string()],
         )
-        .execute()
         .await?;
     let tables = connection.tables();
     tables.judge(connection, &Made::case(case)).await
@@ -81,10 +84,12 @@ pub(super) async fn inherit_layers(
     previous: &CaseId,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
+        .execute(
+            "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
              SELECT $1, layer_id, sop_instance_uid, fingerprint, times FROM made_of
-             WHERE case_id = $2 AND result_id = '' AND layer_id IN (SELECT id FROM layers WHERE case_id = $1) ON CONFLICT DO NOTHING", args![case.to_string(), previous.to_string()])
-        .execute()
+             WHERE case_id = $2 AND result_id = '' AND layer_id IN (SELECT id FROM layers WHERE case_id = $1) ON CONFLICT DO NOTHING",
+            args![case.to_string(), previous.to_string()],
+        )
         .await?;
     Ok(())
 }
@@ -92,11 +97,10 @@ pub(super) async fn inherit_layers(
 /// Forgets of which images something was made.
 pub async fn forget(connection: &mut Connection, made: &Made) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "DELETE FROM made_of WHERE case_id = $1 AND layer_id = $2 AND result_id = $3",
             args![&made.case, &made.layer, &made.result],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -104,12 +108,11 @@ pub async fn forget(connection: &mut Connection, made: &Made) -> Result<(), Stor
 /// The images that something was made of, by UID.
 pub(super) async fn of(connection: &mut Connection, made: &Made) -> Result<Vec<Image>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             "SELECT sop_instance_uid, fingerprint, times FROM made_of
              WHERE case_id = $1 AND layer_id = $2 AND result_id = $3 ORDER BY sop_instance_uid",
             args![&made.case, &made.layer, &made.result],
         )
-        .fetch_all()
         .await?;
     let read = |row: &Row| {
         Ok(Image {

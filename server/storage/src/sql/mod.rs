@@ -693,11 +693,13 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let now = self.rows().now(&mut connection).await?;
         let rows = connection
-            .query("SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
+            .fetch_all(
+                "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
                  UNION ALL SELECT 'closed', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, 'closed', count(*)
                      FROM cases WHERE closed > 0 GROUP BY closed
-                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state", args![])
-            .fetch_all()
+                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state",
+                args![],
+            )
             .await?;
         let read = |row: &Row| {
             let [what, part, state] = ["what", "part", "state"].map(|column| row.get(column));

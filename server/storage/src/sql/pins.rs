@@ -15,7 +15,7 @@ pub(super) async fn insert(
 ) -> Result<(), StoreError> {
     for name in &pinned.names {
         connection
-            .query(
+            .execute(
                 "INSERT INTO pins (kind, digest, holder, expires_at) VALUES ($1, $2, $3, $4)
              ON CONFLICT (kind, digest, holder) DO UPDATE SET expires_at = excluded.expires_at",
                 args![
@@ -25,7 +25,6 @@ pub(super) async fn insert(
                     until
                 ],
             )
-            .execute()
             .await?;
     }
     Ok(())
@@ -37,19 +36,17 @@ pub(super) async fn expire(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "UPDATE pins SET expires_at = $1 WHERE holder = $2",
             args![now, &pinned.holder],
         )
-        .execute()
         .await?;
     Ok(())
 }
 
 pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE pins SET expires_at = $1", args![now])
-        .execute()
+        .execute("UPDATE pins SET expires_at = $1", args![now])
         .await?;
     Ok(())
 }
@@ -58,11 +55,10 @@ pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<
 pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<bool, StoreError> {
     for name in &pinned.names {
         let taken = connection
-            .query(
+            .execute(
                 "DELETE FROM pins WHERE kind = $1 AND digest = $2 AND holder = $3",
                 args![name.kind.name(), name.digest.to_string(), &pinned.holder],
             )
-            .execute()
             .await?;
         if taken == 0 {
             return Ok(false);
@@ -74,8 +70,7 @@ pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<boo
 /// Takes the pins of all writers away, who write their objects again. Those of objects that are to be removed stay.
 pub(super) async fn forget_writers(connection: &mut Connection) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
-        .execute()
+        .execute("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
         .await?;
     Ok(())
 }

@@ -12,7 +12,7 @@ pub(super) async fn index(
     series: &CaseSeries,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
              SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
@@ -27,7 +27,6 @@ pub(super) async fn index(
                 series.patient.map(PatientDigest::to_hex)
             ],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -37,8 +36,10 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1", args![case.to_string()])
-        .fetch_optional()
+        .fetch_optional(
+            "SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1",
+            args![case.to_string()],
+        )
         .await?;
     row.as_ref().map(read_case_series).transpose()
 }
@@ -48,14 +49,14 @@ pub(super) async fn cases_of(
     query: &SeriesQuery,
 ) -> Result<Vec<CaseSeries>, StoreError> {
     let rows = match query {
-        SeriesQuery::Study(study, series) => connection.query(
+        SeriesQuery::Study(study, series) => connection.fetch_all(
             "SELECT case_id, study_uid, series_uid, accession_number, patient
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
                  ORDER BY created_at DESC, id",
             args![study.as_str(), series.as_ref().map(Uid::as_str)],
         ),
-        SeriesQuery::AccessionNumber(number) => connection.query(
+        SeriesQuery::AccessionNumber(number) => connection.fetch_all(
             "SELECT case_id, study_uid, series_uid, accession_number, patient
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE accession_number = $1
@@ -63,11 +64,7 @@ pub(super) async fn cases_of(
             args![number.as_str()],
         ),
     };
-    rows.fetch_all()
-        .await?
-        .iter()
-        .map(read_case_series)
-        .collect()
+    rows.await?.iter().map(read_case_series).collect()
 }
 
 fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {

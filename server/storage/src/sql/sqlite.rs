@@ -462,18 +462,13 @@ mod tests {
         let store = store.unwrap();
         let fence = async || {
             let mut connection = store.rows().connect().await.unwrap();
-            let query = connection.query("SELECT value FROM fence", args![]);
-            query
-                .fetch_one()
-                .await
-                .unwrap()
-                .get::<i64>("value")
-                .unwrap()
+            let query = connection.fetch_one("SELECT value FROM fence", args![]);
+            query.await.unwrap().get::<i64>("value").unwrap()
         };
         for (is_committed, expected) in [(false, 0), (true, 7)] {
             let (mut transaction, _) = store.rows().write().await.unwrap();
-            let changed = transaction.query("UPDATE fence SET value = $1", args![7_i64]);
-            assert_eq!(changed.execute().await.unwrap(), 1);
+            let changed = transaction.execute("UPDATE fence SET value = $1", args![7_i64]);
+            assert_eq!(changed.await.unwrap(), 1);
             assert_eq!(fence().await, 0, "others do not see it yet");
             match is_committed {
                 true => transaction.commit().await.unwrap(),

@@ -10,8 +10,7 @@ impl Rows {
     pub(crate) async fn store_id(&self) -> Result<Option<StoreId>, StoreError> {
         let mut connection = self.connect().await?;
         let row = connection
-            .query("SELECT id FROM store", args![])
-            .fetch_optional()
+            .fetch_optional("SELECT id FROM store", args![])
             .await?;
         let Some(row) = row else {
             return Ok(None);
@@ -25,8 +24,10 @@ impl Rows {
     pub(crate) async fn are_new(&self) -> Result<bool, StoreError> {
         let mut connection = self.connect().await?;
         let row = connection
-            .query("SELECT EXISTS (SELECT 1 FROM cases) OR EXISTS (SELECT 1 FROM store WHERE complete) AS used", args![])
-            .fetch_one()
+            .fetch_one(
+                "SELECT EXISTS (SELECT 1 FROM cases) OR EXISTS (SELECT 1 FROM store WHERE complete) AS used",
+                args![],
+            )
             .await?;
         row.get("used").map(|used: bool| !used)
     }
@@ -35,11 +36,10 @@ impl Rows {
     pub(crate) async fn make_store_id(&self, id: StoreId) -> Result<StoreId, StoreError> {
         let (mut transaction, _) = self.write().await?;
         transaction
-            .query(
+            .execute(
                 "INSERT INTO store (one, id) VALUES (1, $1) ON CONFLICT DO NOTHING",
                 args![id.to_string()],
             )
-            .execute()
             .await?;
         transaction.commit().await?;
         Ok(self.store_id().await?.unwrap_or(id))
@@ -49,11 +49,10 @@ impl Rows {
     pub(crate) async fn complete_store_id(&self) -> Result<(), StoreError> {
         let (mut transaction, _) = self.write().await?;
         transaction
-            .query(
+            .execute(
                 "UPDATE store SET complete = TRUE WHERE NOT complete",
                 args![],
             )
-            .execute()
             .await?;
         transaction.commit().await
     }
@@ -62,8 +61,7 @@ impl Rows {
     pub(crate) async fn change_store_id(&self, id: StoreId) -> Result<(), StoreError> {
         let (mut transaction, _) = self.write().await?;
         transaction
-            .query("UPDATE store SET id = $1", args![id.to_string()])
-            .execute()
+            .execute("UPDATE store SET id = $1", args![id.to_string()])
             .await?;
         transaction.commit().await
     }

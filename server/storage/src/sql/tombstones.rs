@@ -12,8 +12,10 @@ pub(super) async fn any_of(
     names: &[ObjectName],
 ) -> Result<bool, StoreError> {
     for name in names {
-        let row = connection.query("SELECT EXISTS (SELECT 1 FROM tombstones WHERE kind = $1 AND digest = $2) AS marked", args![name.kind.name(), name.digest.to_string()])
-        .fetch_one()
+        let row = connection.fetch_one(
+            "SELECT EXISTS (SELECT 1 FROM tombstones WHERE kind = $1 AND digest = $2) AS marked",
+            args![name.kind.name(), name.digest.to_string()],
+        )
         .await?;
         if row.get("marked")? {
             return Ok(true);
@@ -28,7 +30,7 @@ pub(super) async fn abandoned(
     limit: usize,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
-        .query(
+        .fetch_all(
             // A manifest goes before the sources that it names.
             "SELECT kind, digest FROM
                (SELECT kind, digest FROM pins WHERE expires_at <= $1
@@ -36,7 +38,6 @@ pub(super) async fn abandoned(
              ORDER BY kind <> 'manifest' LIMIT $2",
             args![now, i64::try_from(limit).unwrap_or(i64::MAX)],
         )
-        .fetch_all()
         .await?;
     rows.iter().map(pins::read_name).collect()
 }
@@ -63,11 +64,10 @@ async fn forget_expired_pins(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
+        .execute(
             "DELETE FROM pins WHERE kind = $1 AND digest = $2 AND expires_at <= $3",
             args![name.kind.name(), name.digest.to_string(), now],
         )
-        .execute()
         .await?;
     Ok(())
 }
@@ -75,13 +75,12 @@ async fn forget_expired_pins(
 /// Whether a case, a layer or a row of other tables refers to the object, or a pin that is left protects it.
 async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<bool, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT EXISTS (SELECT 1 FROM case_objects WHERE kind = $1 AND digest = $2)
              OR EXISTS (SELECT 1 FROM layer_objects WHERE kind = $1 AND digest = $2)
              OR EXISTS (SELECT 1 FROM pins WHERE kind = $1 AND digest = $2) AS needed",
             args![name.kind.name(), name.digest.to_string()],
         )
-        .fetch_one()
         .await?;
     let tables = connection.tables();
     Ok(row.get("needed")? || tables.needs(connection, name).await?)
@@ -108,10 +107,15 @@ async fn take(
     sweep: &Sweep,
     now: i64,
 ) -> Result<bool, StoreError> {
-    let taken = connection.query("INSERT INTO tombstones (kind, digest, holder, lease_until) VALUES ($1, $2, $3, $4)
+    let taken = connection.execute(
+        "INSERT INTO tombstones (kind, digest, holder, lease_until) VALUES ($1, $2, $3, $4)
          ON CONFLICT (kind, digest) DO UPDATE SET holder = excluded.holder, lease_until = excluded.lease_until
-         WHERE tombstones.lease_until <= $5", args![name.kind.name(), name.digest.to_string(), &sweep.holder, now + microseconds(sweep.lease), now])
-    .execute()
+         WHERE tombstones.lease_until <= $5",
+        args![
+            name.kind.name(), name.digest.to_string(), &sweep.holder,
+            now + microseconds(sweep.lease), now,
+        ],
+    )
     .await?;
     Ok(taken > 0)
 }
@@ -121,16 +125,14 @@ pub(super) async fn remove_tombstones(
     holder: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM tombstones WHERE holder = $1", args![holder])
-        .execute()
+        .execute("DELETE FROM tombstones WHERE holder = $1", args![holder])
         .await?;
     Ok(())
 }
 
 pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE tombstones SET lease_until = $1", args![now])
-        .execute()
+        .execute("UPDATE tombstones SET lease_until = $1", args![now])
         .await?;
     Ok(())
 }

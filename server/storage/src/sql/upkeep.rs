@@ -20,11 +20,10 @@ pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreE
     );
     let (mut transaction, now) = rows.write().await?;
     let found = transaction
-        .query(
+        .execute(
             "UPDATE cases SET state = 'queued', facts = NULL, facts_digest = NULL WHERE id = $1",
             args![id.to_string()],
         )
-        .execute()
         .await?;
     if found > 0 {
         jobs::enqueue(&mut transaction, &NewJob::prepare(id), now).await?;
@@ -39,11 +38,10 @@ pub(super) async fn uploaded_again(
     now: i64,
 ) -> Result<bool, StoreError> {
     let changed = connection
-        .query(
+        .execute(
             "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
             args![now, id.to_string()],
         )
-        .execute()
         .await?;
     Ok(changed > 0)
 }
@@ -51,14 +49,13 @@ pub(super) async fn uploaded_again(
 /// When the latest case, layer or finding was written; `None` if there is none.
 pub(super) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
     let row = connection
-        .query(
+        .fetch_one(
             "SELECT max(at) AS newest FROM
                (SELECT max(COALESCE(uploaded_at, created_at)) AS at FROM cases
                 UNION ALL SELECT max(created_at) FROM layers
                 UNION ALL SELECT max(changed_at) FROM findings) AS times",
             args![],
         )
-        .fetch_one()
         .await?;
     row.get("newest")
 }

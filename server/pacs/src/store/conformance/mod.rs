@@ -3,6 +3,7 @@
 mod arrivals;
 mod results;
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -26,6 +27,11 @@ fn options() -> Options {
         tables: Arc::new(PacsTables),
         ..Options::default()
     }
+}
+
+/// The store in a folder.
+pub(crate) async fn open(folder: &Path) -> PacsStore {
+    PacsStore::new(Store::open_with(folder, options()).await.unwrap())
 }
 
 impl Subject {
