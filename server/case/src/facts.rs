@@ -36,7 +36,6 @@ pub struct PlaneFacts {
     /// The correlation of the intensities with those at their mirror images, 0 to 1.
     pub correlation: f64,
     /// Whether the two sides are so unlike that the plane may be wrong.
-    #[serde(default)]
     pub doubtful: bool,
 }
 
