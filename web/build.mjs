@@ -26,7 +26,7 @@ const DOCUMENTS = [
   {
     address: "/",
     file: "index.html",
-    entry: "src/page/main.ts",
+    entry: "src/page/main.tsx",
     class: "reading",
     description: "Curved cuts of the cortex at any depth.",
   },
@@ -40,7 +40,7 @@ const DOCUMENTS = [
   {
     address: "/launch",
     file: "launch.html",
-    entry: "src/launch/main.ts",
+    entry: "src/launch/main.tsx",
     class: "launching",
     description: "Opens the case of a study.",
   },

@@ -1,14 +1,14 @@
 // The page that shows two cases side by side, linked in angle, depth, window and point.
 
 import { allCases, handOver, onTokenWanted, send, takeHanded } from "../base/api.ts";
-import { h, quiet, setText } from "../base/dom.ts";
+import { h, setText } from "../base/dom.ts";
 import { learn, number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
 import { linked } from "../model/linked.ts";
 import { type Affine, inverted, subtract, transform } from "../model/space.ts";
-import { askToken } from "../page/dialogs.ts";
+import { askToken } from "../page/dialogs.tsx";
 import { angleOf } from "../model/nudge.ts";
 import { preferences } from "../store/preferences.ts";
 import { Side } from "./side.ts";
@@ -188,7 +188,7 @@ async function build(): Promise<void> {
     void comparing.followCases();
     await comparing.start(asked);
   } catch (problem) {
-    document.body.append(quiet(problemWords(problem)));
+    document.body.append(h("p", { class: "quiet" }, problemWords(problem)));
   }
 }
 

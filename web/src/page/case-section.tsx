@@ -9,10 +9,11 @@ import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { doubtsOf, qualityOf } from "../model/quality.ts";
-import { askText, maskDialog } from "./dialogs.ts";
+import { askText } from "./dialogs.tsx";
 import { fileStem } from "./export.ts";
 import { Button, type OfStore, Row, Section, Ticked } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
+import { maskDialog } from "./server-picture.tsx";
 
 /** Hears that a version was made, or was there. */
 export type Made = (one: Case, wasThere: boolean) => void;

@@ -62,6 +62,16 @@ export const IconButton = ({
 
 export const Button = (attributes: ButtonAttributes & Children) => <button type="button" {...attributes} />;
 
+/** An element that is made elsewhere, among components; `alt` are the words of a picture. */
+export function Placed({ node, alt = "" }: { readonly node: HTMLElement; readonly alt?: string }) {
+  const place = useRef<HTMLSpanElement>(null);
+  useLayoutEffect(() => {
+    if (node instanceof HTMLImageElement) node.alt = alt;
+    place.current?.replaceChildren(node);
+  }, [node, alt]);
+  return <span class="mounted" ref={place} />;
+}
+
 /** A part of the panel, under its title. */
 export const Section = ({
   title,

@@ -12,7 +12,7 @@ import { isLayerId } from "../model/maps.ts";
 import { layersOf } from "../model/state.ts";
 import { announce } from "../store/announce.ts";
 import { Comparison } from "./comparison.tsx";
-import { askText, confirmDelete } from "./dialogs.ts";
+import { askText, confirmDelete } from "./dialogs.tsx";
 import { Button, Choice, FileInput, IconButton, Line, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 import { sendLayer, wishOf } from "./layer-form.ts";
 import { Nudge } from "./nudge.tsx";
