@@ -2,7 +2,7 @@
 
 import { effect, signal, untracked } from "@preact/signals";
 
-import { type Holder, anyArrivals, deleteCase, getCase, getHolder, handOver } from "../base/api.ts";
+import { anyArrivals, deleteCase, getCase, getHolder, handOver } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { spoken, t } from "../base/i18n.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
@@ -15,6 +15,7 @@ import { hasSlices } from "../model/state.ts";
 import { announce, announced } from "../store/announce.ts";
 import { Cases } from "../store/cases.ts";
 import { perform } from "../store/commands.ts";
+import { holder, mayWrite } from "../store/holder.ts";
 import { preferences } from "../store/preferences.ts";
 import { confirmDelete, helpDialog } from "./dialogs.tsx";
 import { Upload } from "./upload.tsx";
@@ -38,8 +39,6 @@ export class App {
   readonly isSilent = signal(false);
   /** Whether anything has come from a PACS. */
   readonly hasArrivals = signal(false);
-  /** Who is signed in. */
-  readonly holder = signal<Holder | null>(null);
   /** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
   readonly launched = signal(takeLaunch());
   /** How each case was left. */
@@ -78,7 +77,7 @@ export class App {
       if (this.cases.all.value.length >= 0 && !this.hasArrivals.peek()) void this.#lookForArrivals();
     });
     // Whoever may not look at anything may not ask either.
-    if (parent === window) this.holder.value = await getHolder().catch(() => null);
+    if (parent === window) holder.value = await getHolder().catch(() => null);
   }
 
   async #lookForArrivals(): Promise<void> {
@@ -100,6 +99,7 @@ export class App {
   }
 
   drop(files: readonly File[]): void {
+    if (!mayWrite.peek()) return;
     this.hasList.value = true;
     this.upload.drop(files);
   }

@@ -22,6 +22,7 @@ import { renderQuery } from "../model/query.ts";
 import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { firstState } from "../model/state.ts";
 import { type Cases, ORDERS } from "../store/cases.ts";
+import { mayWrite } from "../store/holder.ts";
 import { Choice, IconButton, Placed, Status } from "./fields.tsx";
 import { useDrawn } from "./server-picture.tsx";
 
@@ -188,7 +189,7 @@ function Row({ one, alike, place, isOpen, isHidden, flag, choose, remove }: RowP
           // The case that is open stays as it is.
           if (isOpen) event.preventDefault();
         }}
-        onKeyDown={({ key }) => key === "Delete" && remove()}
+        onKeyDown={({ key }) => key === "Delete" && mayWrite.peek() && remove()}
       >
         <Thumb one={one} />
         <span class="words">
@@ -222,12 +223,14 @@ function Row({ one, alike, place, isOpen, isHidden, flag, choose, remove }: RowP
         </span>
       </a>
       {/* A row is one stop of the tabulator: its key is Delete. */}
-      <IconButton
-        icon="trash"
-        label={t("delete.button", { title: caseIdentity(one) })}
-        tabIndex={-1}
-        onClick={remove}
-      />
+      {mayWrite.value && (
+        <IconButton
+          icon="trash"
+          label={t("delete.button", { title: caseIdentity(one) })}
+          tabIndex={-1}
+          onClick={remove}
+        />
+      )}
     </li>
   );
 }

@@ -4,6 +4,7 @@ import type { ComponentChildren } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 
 import type { Icon as IconName } from "../base/dom.ts";
+import { mayWrite } from "../store/holder.ts";
 import type { Store } from "../store/store.ts";
 
 /** What every section is given. */
@@ -119,6 +120,13 @@ export const Line = ({
 
 /** Buttons side by side. */
 export const Row = ({ children }: Children) => <div class="row">{children}</div>;
+
+/** Controls that change what is stored: disabled for whoever may only look. */
+export const Writing = ({ children }: Children) => (
+  <fieldset class="writing" disabled={!mayWrite.value}>
+    {children}
+  </fieldset>
+);
 
 /** A box to tick, with words behind it. */
 export const Ticked = ({

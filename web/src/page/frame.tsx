@@ -11,6 +11,7 @@ import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { announced } from "../store/announce.ts";
 import { setLayout } from "../store/commands.ts";
+import { holder, mayWrite } from "../store/holder.ts";
 import { LIST_WIDTHS, boundWidth, choose, preferences } from "../store/preferences.ts";
 import type { App } from "./app.ts";
 import { arrivalsDialog } from "./arrivals.tsx";
@@ -61,7 +62,7 @@ export function Frame({ app }: OfApp) {
       >
         <nav class="sidebar" id="sidebar" aria-label={t("cases.title")} hidden={!hasList}>
           <h2>{t("cases.title")}</h2>
-          <UploadForm upload={app.upload} />
+          {mayWrite.value && <UploadForm upload={app.upload} />}
           <p id="upload-done" class="quiet" role="status">
             {app.upload.done}
           </p>
@@ -89,10 +90,10 @@ function Bar({ app }: OfApp) {
   const { panel, theme, language } = preferences.value;
   const chosen = app.chosen.value;
   const store = app.viewer.value?.store;
-  const holder = app.holder.value;
+  const reader = holder.value;
   // The token without a name is nobody's.
-  const isUnnamed = holder?.name === "token";
-  const name = holder && (isUnnamed ? t("who.unnamed") : plainName(holder));
+  const isUnnamed = reader?.name === "token";
+  const name = reader && (isUnnamed ? t("who.unnamed") : plainName(reader));
   const toggleFullScreen = (): Promise<void> =>
     document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
   return (
@@ -142,8 +143,8 @@ function Bar({ app }: OfApp) {
       {document.fullscreenEnabled && (
         <IconButton icon="full" label={t("full-screen")} onClick={() => void toggleFullScreen()} />
       )}
-      {holder && name && name !== "anybody" && (
-        <Button id="who" title={t("who.as", { name })} onClick={() => holderDialog(name, holder)}>
+      {reader && name && name !== "anybody" && (
+        <Button id="who" title={t("who.as", { name })} onClick={() => holderDialog(name, reader)}>
           {name}
         </Button>
       )}
@@ -184,11 +185,11 @@ function Stage({ app }: OfApp) {
         id="case-note"
         class={chosen?.state === "failed" ? "stage-note bad" : "stage-note"}
         role="status"
-        hidden={note === "" || isEmpty || !app.cases.isListed.value}
+        hidden={note === "" || (isEmpty && mayWrite.value) || !app.cases.isListed.value}
       >
         {note}
       </p>
-      {isEmpty && (
+      {isEmpty && mayWrite.value && (
         <div class="start">
           <p>{t("start.drop")}</p>
           <p class="quiet">{t("upload.volume-hint")}</p>
