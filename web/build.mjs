@@ -33,7 +33,7 @@ const DOCUMENTS = [
   {
     address: "/compare",
     file: "compare.html",
-    entry: "src/compare/main.ts",
+    entry: "src/compare/main.tsx",
     class: "comparing",
     description: "Two heads side by side, at one depth.",
   },

@@ -1,7 +1,11 @@
 // The page that shows two cases side by side, linked in angle, depth, window and point.
 
+import { type Signal, effect, signal } from "@preact/signals";
+import { render } from "preact";
+
 import { allCases, handOver, onTokenWanted, send, takeHanded } from "../base/api.ts";
-import { h, setText } from "../base/dom.ts";
+import { h } from "../base/dom.ts";
+import { caseIdentity } from "../base/case-words.ts";
 import { learn, number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -9,6 +13,7 @@ import type { Case } from "../model/case.ts";
 import { linked } from "../model/linked.ts";
 import { type Affine, inverted, subtract, transform } from "../model/space.ts";
 import { askToken } from "../page/dialogs.tsx";
+import { Choice, Placed, Ticked } from "../page/fields.tsx";
 import { angleOf } from "../model/nudge.ts";
 import { preferences } from "../store/preferences.ts";
 import { Side } from "./side.ts";
@@ -31,64 +36,45 @@ function motionWords(affine: Affine, middle: readonly [number, number, number]):
 }
 
 class Comparing {
-  readonly #left: Side;
-  readonly #right: Side;
-  readonly #verdict = h("p", { class: "verdict", role: "status" });
-  readonly #link = h("input", { type: "checkbox", id: "linked", checked: true, change: () => this.#relink() });
-  #registration: Registration | null = null;
+  readonly cases: Signal<readonly Case[]>;
+  readonly left = new Side("left", (side) => this.#changed(side));
+  readonly right = new Side("right", (side) => this.#changed(side));
+  /** How the heads lie to each other, or why that is not known. */
+  readonly verdict = signal({ words: "", isRough: false });
+  readonly isLinked = signal(true);
+  readonly #registration = signal<Registration | null>(null);
   #timer = 0;
   /** Why a case could not be opened. */
   #trouble = "";
   #opened = Promise.resolve();
 
   constructor(cases: readonly Case[]) {
-    const host = {
-      chosen: (side: Side, id: string) => void this.#choose(side, id),
-      changed: (side: Side) => this.#changed(side),
-    };
-    this.#left = new Side("left", cases, host);
-    this.#right = new Side("right", cases, host);
-    const label = (words: string, control: HTMLElement): HTMLElement => h("label", { class: "inline" }, words, control);
-    document.body.append(
-      h(
-        "div",
-        { class: "app" },
-        h(
-          "header",
-          { class: "bar" },
-          h("a", { href: "./", class: "home" }, "Isocortex"),
-          h("h1", {}, t("compare.title")),
-          label(t("compare.left"), this.#left.choice),
-          label(t("compare.right"), this.#right.choice),
-          h("label", { class: "inline" }, this.#link, t("compare.linked")),
-          this.#verdict,
-          h("p", { class: "research", role: "note" }, t("notice.long")),
-        ),
-        h("main", { class: "frames" }, this.#left.element, this.#right.element),
-      ),
-    );
+    this.cases = signal(cases);
+    effect(() => {
+      const isLinked = this.isLinked.value && this.#registration.value !== null;
+      document.body.dataset.linked = String(isLinked);
+      if (isLinked) this.#changed(this.left);
+    });
   }
 
-  /** Keeps the lists of cases fresh as long as the page is looked at. */
+  /** Keeps the list of cases fresh as long as the page is looked at. */
   async followCases(): Promise<void> {
     for (;;) {
       await wait(LIST_MS);
-      if (document.hidden) continue;
-      const cases = await allCases().catch(() => null);
-      if (cases) for (const side of [this.#left, this.#right]) side.offer(cases);
+      if (!document.hidden) this.cases.value = await allCases().catch(() => this.cases.peek());
     }
   }
 
   /** Shows what the address names. */
   async start(asked: string): Promise<void> {
     const [left = "", right = ""] = asked.split("/");
-    if (left) void this.#open(this.#left, left);
-    if (right) void this.#open(this.#right, right);
+    if (left) void this.#open(this.left, left);
+    if (right) void this.#open(this.right, right);
     await this.#opened;
     await this.#register();
   }
 
-  async #choose(side: Side, id: string): Promise<void> {
+  async choose(side: Side, id: string): Promise<void> {
     // What was found of the other pair says nothing of this one.
     this.#unlink("");
     await this.#open(side, id);
@@ -114,52 +100,44 @@ class Comparing {
 
   /** Asks how the heads lie to each other, and links them. */
   async #register(): Promise<void> {
-    const [left, right] = [this.#left.now, this.#right.now];
+    const [left, right] = [this.left.now, this.right.now];
     // A warning in one frame must not shift its picture against the other.
-    const isWarned = this.#left.isWarned || this.#right.isWarned;
-    for (const side of [this.#left, this.#right]) side.makeRoom(isWarned);
+    const isWarned = this.left.isWarned || this.right.isWarned;
+    for (const side of [this.left, this.right]) side.makeRoom(isWarned);
     this.#addressLater();
     if (!left || !right) return this.#unlink(this.#trouble || t("compare.choose-both"));
     this.#unlink(t("compare.registering"));
     // Others may be chosen in the meantime.
-    const isStillShown = (): boolean => left.shown === this.#left.now?.shown && right.shown === this.#right.now?.shown;
+    const isStillShown = (): boolean => left.shown === this.left.now?.shown && right.shown === this.right.now?.shown;
     const path = `v1/cases/${left.shown.id}/registration?with=${right.shown.id}`;
     try {
       const found = (await (await send(path)).json()) as Registration;
       if (!isStillShown()) return;
-      this.#registration = found;
       const { case_from_other, verdict } = found;
-      const isSame = verdict === "registered";
+      const isRough = verdict !== "registered";
       const { center_in_patient } = right.shown.envelope_sphere;
-      setText(this.#verdict, isSame ? motionWords(case_from_other, center_in_patient) : t("compare.rough"));
-      this.#verdict.classList.toggle("warn", !isSame);
-      this.#relink();
+      const words = isRough ? t("compare.rough") : motionWords(case_from_other, center_in_patient);
+      this.verdict.value = { words, isRough };
+      this.#registration.value = found;
     } catch (problem) {
       if (isStillShown()) this.#unlink(problemWords(problem));
     }
   }
 
   /** Both go their own ways, for a reason. */
-  #unlink(why: string): void {
-    this.#registration = null;
-    document.body.dataset.linked = "false";
-    this.#verdict.classList.remove("warn");
-    setText(this.#verdict, why);
-  }
-
-  #relink(): void {
-    this.#changed(this.#left);
-    document.body.dataset.linked = String(this.#link.checked && this.#registration !== null);
+  #unlink(words: string): void {
+    this.#registration.value = null;
+    this.verdict.value = { words, isRough: false };
   }
 
   /** One side was changed: the other one follows. */
   #changed(side: Side): void {
     this.#addressLater();
-    const other = side === this.#left ? this.#right : this.#left;
-    const [one, its, found] = [side.now, other.now, this.#registration];
-    if (!one || !its || !found || !this.#link.checked) return;
+    const other = side === this.left ? this.right : this.left;
+    const [one, its, found] = [side.now, other.now, this.#registration.peek()];
+    if (!one || !its || !found || !this.isLinked.peek()) return;
     const left_from_right = found.case_from_other;
-    const one_from_other = side === this.#left ? left_from_right : inverted(left_from_right);
+    const one_from_other = side === this.left ? left_from_right : inverted(left_from_right);
     if (one_from_other) other.follow(linked(one, its, one_from_other));
   }
 
@@ -167,9 +145,56 @@ class Comparing {
   #addressLater(): void {
     clearTimeout(this.#timer);
     this.#timer = window.setTimeout(() => {
-      history.replaceState(null, "", `#${this.#left.address}/${this.#right.address}`);
+      history.replaceState(null, "", `#${this.left.address}/${this.right.address}`);
     }, REST_MS);
   }
+}
+
+/** The bar above both cases. */
+function Bar({ comparing }: { readonly comparing: Comparing }) {
+  const { words, isRough } = comparing.verdict.value;
+  return (
+    <header class="bar">
+      <a href="./" class="home">
+        Isocortex
+      </a>
+      <h1>{t("compare.title")}</h1>
+      <SideChoice comparing={comparing} side={comparing.left} />
+      <SideChoice comparing={comparing} side={comparing.right} />
+      <Ticked
+        id="linked"
+        words={t("compare.linked")}
+        checked={comparing.isLinked.value}
+        onTick={(isTicked) => (comparing.isLinked.value = isTicked)}
+      />
+      <p class={isRough ? "verdict warn" : "verdict"} role="status">
+        {words}
+      </p>
+      <p class="research" role="note">
+        {t("notice.long")}
+      </p>
+    </header>
+  );
+}
+
+/** The cases that can be chosen for a side. */
+function SideChoice({ comparing, side }: { readonly comparing: Comparing; readonly side: Side }) {
+  const chosen = side.chosen.value;
+  const offered = comparing.cases.value.filter(({ id, state }) => state === "ready" || id === chosen);
+  const names = new Map([["", t("compare.choose")], ...offered.map((one) => [one.id, caseIdentity(one)] as const)]);
+  return (
+    <label class="inline">
+      {side.title}
+      <Choice
+        id={`compare-${side.name}`}
+        label={side.title}
+        values={[...names.keys()]}
+        value={chosen}
+        words={(id) => names.get(id) ?? ""}
+        onChoose={(id) => void comparing.choose(side, id)}
+      />
+    </label>
+  );
 }
 
 async function build(): Promise<void> {
@@ -185,6 +210,18 @@ async function build(): Promise<void> {
   onTokenWanted(askToken);
   try {
     const comparing = new Comparing(await allCases());
+    const place = h("div", { class: "app" });
+    document.body.append(place);
+    render(
+      <>
+        <Bar comparing={comparing} />
+        <main class="frames">
+          <Placed node={comparing.left.element} />
+          <Placed node={comparing.right.element} />
+        </main>
+      </>,
+      place,
+    );
     void comparing.followCases();
     await comparing.start(asked);
   } catch (problem) {
