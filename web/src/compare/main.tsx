@@ -3,19 +3,17 @@
 import { type Signal, effect, signal } from "@preact/signals";
 import { render } from "preact";
 
-import { allCases, handOver, onTokenWanted, send, takeHanded } from "../base/api.ts";
-import { h } from "../base/dom.ts";
+import { allCases, handOver, send, takeHanded } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { learn, number, t } from "../base/i18n.ts";
+import { number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
 import { linked } from "../model/linked.ts";
 import { type Affine, inverted, subtract, transform } from "../model/space.ts";
-import { askToken } from "../page/dialogs.tsx";
-import { Choice, Placed, Ticked } from "../page/fields.tsx";
+import { begin } from "../page/begin.ts";
+import { LabelledChoice, Placed, Quiet, Ticked } from "../page/fields.tsx";
 import { angleOf } from "../model/nudge.ts";
-import { preferences } from "../store/preferences.ts";
 import { Side } from "./side.ts";
 
 /** The cases are asked for again after so long. */
@@ -183,50 +181,38 @@ function SideChoice({ comparing, side }: { readonly comparing: Comparing; readon
   const offered = comparing.cases.value.filter(({ id, state }) => state === "ready" || id === chosen);
   const names = new Map([["", t("compare.choose")], ...offered.map((one) => [one.id, caseIdentity(one)] as const)]);
   return (
-    <label class="inline">
-      {side.title}
-      <Choice
-        id={`compare-${side.name}`}
-        label={side.title}
-        values={[...names.keys()]}
-        value={chosen}
-        words={(id) => names.get(id) ?? ""}
-        onChoose={(id) => void comparing.choose(side, id)}
-      />
-    </label>
+    <LabelledChoice
+      id={`compare-${side.name}`}
+      isInline
+      label={side.title}
+      values={[...names.keys()]}
+      value={chosen}
+      words={(id) => names.get(id) ?? ""}
+      onChoose={(id) => void comparing.choose(side, id)}
+    />
   );
 }
 
-async function build(): Promise<void> {
-  // The page leaves what it shows beside the token, which is taken by whoever asks for it.
-  const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
-  // Whoever must sign in comes back to this address.
-  if (asked) history.replaceState(null, "", `#${asked}`);
-  const { language, theme } = preferences.peek();
-  document.documentElement.dataset.theme = theme;
-  await learn(language);
-  document.documentElement.lang = language;
-  document.title = `${t("compare.title")} · Isocortex`;
-  onTokenWanted(askToken);
-  try {
-    const comparing = new Comparing(await allCases());
-    const place = h("div", { class: "app" });
-    document.body.append(place);
-    render(
-      <>
-        <Bar comparing={comparing} />
-        <main class="frames">
-          <Placed node={comparing.left.element} />
-          <Placed node={comparing.right.element} />
-        </main>
-      </>,
-      place,
-    );
-    void comparing.followCases();
-    await comparing.start(asked);
-  } catch (problem) {
-    document.body.append(h("p", { class: "quiet" }, problemWords(problem)));
-  }
+// The page leaves what it shows beside the token, which is taken by whoever asks for it.
+const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
+// Whoever must sign in comes back to this address.
+if (asked) history.replaceState(null, "", `#${asked}`);
+const place = await begin("app");
+document.title = `${t("compare.title")} · Isocortex`;
+try {
+  const comparing = new Comparing(await allCases());
+  render(
+    <>
+      <Bar comparing={comparing} />
+      <main class="frames">
+        <Placed node={comparing.left.element} />
+        <Placed node={comparing.right.element} />
+      </main>
+    </>,
+    place,
+  );
+  void comparing.followCases();
+  await comparing.start(asked);
+} catch (problem) {
+  render(<Quiet>{problemWords(problem)}</Quiet>, place);
 }
-
-void build();

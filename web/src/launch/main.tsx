@@ -5,16 +5,14 @@ import { signal } from "@preact/signals";
 import { render } from "preact";
 import { useLayoutEffect } from "preact/hooks";
 
-import { handOver, onTokenWanted, send } from "../base/api.ts";
-import { h } from "../base/dom.ts";
+import { handOver, send } from "../base/api.ts";
 import { leaveLaunch } from "../base/launched.ts";
-import { type Key, known, learn, numberUpTo, t } from "../base/i18n.ts";
+import { type Key, known, numberUpTo, t } from "../base/i18n.ts";
 import { dateWords } from "../base/pacs.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
-import { askToken } from "../page/dialogs.tsx";
+import { begin } from "../page/begin.ts";
 import { Button } from "../page/fields.tsx";
-import { preferences } from "../store/preferences.ts";
 
 const LOOK_AGAIN_MS = 2000;
 
@@ -185,17 +183,7 @@ function Launch() {
   );
 }
 
-async function build(): Promise<void> {
-  const { language, theme } = preferences.peek();
-  document.documentElement.dataset.theme = theme;
-  await learn(language);
-  document.documentElement.lang = language;
-  onTokenWanted(askToken);
-  say("launch.looking");
-  const place = h("div", { class: "mounted" });
-  document.body.append(place);
-  render(<Launch />, place);
-  attempt(follow());
-}
-
-void build();
+const place = await begin("mounted");
+say("launch.looking");
+render(<Launch />, place);
+attempt(follow());

@@ -9,7 +9,7 @@ import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
 import { BINDINGS } from "../model/keys.ts";
 import { choose, preferences } from "../store/preferences.ts";
-import { Button, Choice, Icon, Quiet, Ticked } from "./fields.tsx";
+import { Button, Icon, LabelledChoice, Quiet, Ticked } from "./fields.tsx";
 
 /** A button that closes its dialog. */
 export const Closing = ({
@@ -254,28 +254,24 @@ function HandChoices() {
   const { wheel, drag, shortcuts } = preferences.value;
   return (
     <>
-      <label class="inline">
-        {t("wheel.label")}
-        <Choice
-          id="wheel"
-          label={t("wheel.label")}
-          values={WHEEL_USES}
-          value={wheel}
-          words={(one) => t(`wheel.${one}`)}
-          onChoose={(one) => choose({ wheel: one })}
-        />
-      </label>
-      <label class="inline">
-        {t("drag.label")}
-        <Choice
-          id="drag"
-          label={t("drag.label")}
-          values={DRAG_DIRECTIONS}
-          value={drag}
-          words={(one) => t(`drag.${one}`)}
-          onChoose={(one) => choose({ drag: one })}
-        />
-      </label>
+      <LabelledChoice
+        isInline
+        id="wheel"
+        label={t("wheel.label")}
+        values={WHEEL_USES}
+        value={wheel}
+        words={(one) => t(`wheel.${one}`)}
+        onChoose={(one) => choose({ wheel: one })}
+      />
+      <LabelledChoice
+        isInline
+        id="drag"
+        label={t("drag.label")}
+        values={DRAG_DIRECTIONS}
+        value={drag}
+        words={(one) => t(`drag.${one}`)}
+        onChoose={(one) => choose({ drag: one })}
+      />
       <Ticked
         id="shortcuts"
         words={t("shortcuts.label")}

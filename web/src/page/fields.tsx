@@ -177,6 +177,17 @@ export const Choice = <Value extends string | number>({
   </select>
 );
 
+/** A choice in the label that names it. */
+export const LabelledChoice = <Value extends string | number>({
+  isInline = false,
+  ...choosing
+}: Choosing<Value> & { readonly isInline?: boolean }) => (
+  <label class={isInline ? "inline" : undefined}>
+    {choosing.label}
+    <Choice {...choosing} />
+  </label>
+);
+
 /** A labelled line with a choice, and what else it has. */
 export const ChoiceLine = <Value extends string | number>({
   isTall = false,

@@ -10,7 +10,7 @@ import type { Finding } from "../model/findings.ts";
 import { pictureBody } from "../model/series.ts";
 import { Closing, End, open } from "./dialogs.tsx";
 import { type OnScreen, fileStem } from "./export.ts";
-import { Button, Choice, type OfStore, Quiet, Row, Section } from "./fields.tsx";
+import { Button, LabelledChoice, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
 import { Shot, useDrawn } from "./server-picture.tsx";
 
@@ -164,33 +164,27 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
   };
   return (
     <>
-      <label>
-        {t("pacs.what")}
-        <Choice
-          id="result-kind"
-          label={t("pacs.what")}
-          values={kindsOf(findings.list.value)}
-          value={kind}
-          words={(one) => t(`result.${one}`)}
-          onChoose={(one) => {
-            setKind(one);
-            say("");
-          }}
-          disabled={isBusy}
-        />
-      </label>
-      <label>
-        {t("pacs.node")}
-        <Choice
-          id="result-node"
-          label={t("pacs.node")}
-          values={nodes}
-          value={node}
-          words={(one) => one}
-          onChoose={(one) => setNode(one)}
-          disabled={isBusy}
-        />
-      </label>
+      <LabelledChoice
+        id="result-kind"
+        label={t("pacs.what")}
+        values={kindsOf(findings.list.value)}
+        value={kind}
+        words={(one) => t(`result.${one}`)}
+        onChoose={(one) => {
+          setKind(one);
+          say("");
+        }}
+        disabled={isBusy}
+      />
+      <LabelledChoice
+        id="result-node"
+        label={t("pacs.node")}
+        values={nodes}
+        value={node}
+        words={(one) => one}
+        onChoose={(one) => setNode(one)}
+        disabled={isBusy}
+      />
       <Shot
         name={kind}
         drawn={drawn}

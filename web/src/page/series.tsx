@@ -12,7 +12,7 @@ import { clamp, clampDepth } from "../model/state.ts";
 import type { SweepChoice } from "../model/sweep.ts";
 import { Closing, End, open } from "./dialogs.tsx";
 import { type OnScreen, fileStem } from "./export.ts";
-import { Choice, Quiet, Status } from "./fields.tsx";
+import { LabelledChoice, Quiet, Status } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
 
 const KINDS = ["sheet", "turn", "sweep"] as const;
@@ -62,17 +62,14 @@ function Series({ onScreen, sweep }: { readonly onScreen: OnScreen; readonly swe
   };
   return (
     <>
-      <label>
-        {t("series.kind")}
-        <Choice
-          id="series-kind"
-          label={t("series.kind")}
-          values={KINDS}
-          value={kind}
-          words={(one) => t(`series.${one}`)}
-          onChoose={(one) => setKind(one)}
-        />
-      </label>
+      <LabelledChoice
+        id="series-kind"
+        label={t("series.kind")}
+        values={KINDS}
+        value={kind}
+        words={(one) => t(`series.${one}`)}
+        onChoose={(one) => setKind(one)}
+      />
       {kind === "sheet" && (
         <label>
           {t("series.depths")}
