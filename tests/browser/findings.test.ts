@@ -272,3 +272,31 @@ test(
     await context.close();
   },
 );
+
+test(
+  "whoever may only look is offered nothing that writes, and sees at once what another reader writes",
+  { skip },
+  async () => {
+    const [own, other] = await Promise.all([openPage(browser), openPage(browser)]);
+    await own.page.route("**/v1/session", (route) => route.fulfill({ json: { name: "ana", scopes: ["read"] } }));
+    for (const { page } of [own, other]) await open(page);
+    await own.page.getByText("Your access permits looking, not writing.").waitFor();
+    assert.ok(await own.page.getByRole("button", { name: "Mark the cross as a finding" }).isDisabled());
+    assert.equal(await own.page.locator("#add, #case-list li > button").count(), 0);
+    await add(other.page);
+    await other.page.locator(".finding-label").last().fill("seen by both");
+    const label = own.page.locator(".finding-label").last();
+    await until(
+      async () => ((await label.count()) > 0 ? label.inputValue() : ""),
+      (words) => words === "seen by both",
+    );
+    assert.deepEqual(
+      [await label.isDisabled(), await own.page.locator(".finding-name").last().isEnabled()],
+      [true, true],
+    );
+    for (const { troubles, context } of [own, other]) {
+      assert.deepEqual(troubles, []);
+      await context.close();
+    }
+  },
+);

@@ -309,6 +309,7 @@ test(
     for (const language of ["pt-BR", "en"]) {
       await page.locator("#language").selectOption(language);
       await page.waitForSelector(`html[lang=${language}]`);
+      await shown(page);
       await settled(page, 3);
       await drawn(page, "overlay", pet.id);
       await page.click(".add-layer > summary");

@@ -599,3 +599,34 @@ test(
     await page.context().close();
   },
 );
+
+test(
+  "a close-up of a finding shows the map that it was kept from, until the close-up is left",
+  { skip, timeout: 600_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("&l=both", {}, "?renderer=server");
+    await shown(page);
+    await page.getByRole("button", { name: "List places with a thick cortex" }).click();
+    await page.locator(".candidates tr.place").first().waitFor({ state: "attached" });
+    const unfold = page.getByRole("button", { name: /^Show \d+ places/ });
+    if ((await page.locator(".candidates tr.place:visible").count()) === 0) await unfold.last().click();
+    await page.locator(".candidates tr.place:visible").first().click();
+    await page.getByRole("button", { name: "Keep as a finding" }).first().click();
+    await page.locator("#findings-status", { hasText: "Stored on the server." }).waitFor();
+    // No list is open any more.
+    await page.reload();
+    await shown(page);
+    await page.locator(".finding-name").first().click();
+    await page.locator("#surface").focus();
+    await page.keyboard.press("z");
+    await page.waitForSelector('.closer .slice.here-layer[data-overlay="thickness"]');
+    await page.locator("#surface, .closer .slice").last().focus();
+    await page.keyboard.press("z");
+    await page.waitForSelector("body[data-layout=both]");
+    assert.equal((await fragment(page)).b, undefined);
+    await page.getByRole("button", { name: /^Remove 1/ }).click();
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);

@@ -123,7 +123,7 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
   await page.locator(".pacs summary").click();
   await page.getByRole("button", { name: "Send a result" }).click();
   const dialog = page.locator("dialog.result");
-  const previewed = (): Promise<string | null> => dialog.getAttribute("data-preview");
+  const previewed = (): Promise<string | null> => dialog.locator(".server-shot").getAttribute("data-shown");
   assert.equal(await until(previewed, (kind) => kind === "view"), "view");
   await keep(page, "pacs-result");
   assert.deepEqual(await violations(page), []);

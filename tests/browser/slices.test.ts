@@ -688,30 +688,6 @@ test("beside a cut through the brain outlines end, and no depth is said", { skip
   await context.close();
 });
 
-test("another language fetches nothing of the case again", { skip, timeout: 600_000 }, async () => {
-  const { page: own, troubles, context } = await drawnByPage("&d=12&x=-20,10,-15");
-  const asked: string[] = [];
-  own.on("request", (request) => asked.push(new URL(request.url()).pathname));
-  await own.evaluate(() => document.querySelector("canvas.cortex")?.setAttribute("data-kept", "true"));
-  await own.locator("#language").selectOption("pt-BR");
-  await own.waitForSelector("html[lang=pt-BR]");
-  await own.waitForSelector(".viewer[data-loaded=true]");
-  for (const plane of PLANES) await own.waitForSelector(`.slice.${plane}[data-way=page]`);
-  assert.equal(await own.locator(".slice.axial").getAttribute("aria-label"), "Corte Axial");
-  assert.equal(await own.locator("#surface canvas.cortex[data-kept=true]").isVisible(), true);
-  // What is drawn from then on is drawn with what was here.
-  await own.locator("#depth-number").fill("15");
-  await own.keyboard.press("Enter");
-  await own.waitForSelector("#surface[data-depth='15']");
-  await own.waitForSelector(".slice.axial[data-depth='15'][data-way=page]");
-  assert.deepEqual(
-    asked.filter((path) => /\/(volume|distance|mesh|slices)/.test(path) && path.includes(id)),
-    [],
-  );
-  assert.deepEqual(troubles, []);
-  await context.close();
-});
-
 test("a lost context leaves the slices to the server, and takes them back", { skip, timeout: 600_000 }, async () => {
   const { page: own, context } = await drawnByPage("&x=-20,10,-15");
   await own.evaluate(() => {

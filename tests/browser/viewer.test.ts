@@ -501,6 +501,7 @@ test(
     for (const language of ["pt-BR", "en"]) {
       await page.locator("#language").selectOption(language);
       await page.waitForSelector(`html[lang=${language}]`);
+      await shown(page);
       await page.waitForSelector("#surface[data-drawn=true]");
       for (const theme of ["light", "dark"]) {
         if ((await page.locator("html").getAttribute("data-theme")) !== theme)

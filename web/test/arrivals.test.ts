@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { before, test } from "node:test";
 
 import { type Words, speak } from "../src/base/i18n.ts";
-import { type Arrival, arrivalFacts, takeable } from "../src/page/arrivals.ts";
+import { type Arrival, arrivalFacts, takeable } from "../src/page/arrivals.tsx";
 import english from "../src/words.en.json";
 
 before(() => speak("en", english as Words));

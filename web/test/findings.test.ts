@@ -90,6 +90,16 @@ test("additions of both are there, and the list of the other one comes first", (
   assert.ok(areSame(merged([a, finding("theirs")], list, list).list, list));
 });
 
+test("a finding that comes back has the number that it had", () => {
+  const ids = (own: readonly Finding[], other: readonly Finding[]): string =>
+    merged([a, b], own, other)
+      .list.map(({ id }) => id)
+      .join(" ");
+  const [first, middle, last] = [finding("first"), finding("middle"), finding("last")];
+  assert.equal(ids([first, a, middle, b, last], [a, b]), "first a middle b last");
+  assert.equal(ids([a, middle, b], [a, b, last]), "a middle b last");
+});
+
 test("what a reader types is cleaned of what the server refuses", () => {
   assert.equal(plainLine(" thick\tgyrus\r\n\u202eleft\u2069\u0000 ", 200), "thick gyrus left");
   assert.equal(plainText("one\ttwo\r\nthree\rfour\u202a\u0007", 200), "one two\nthree\nfour ");
@@ -308,6 +318,23 @@ test("flush resolves when the server has the list, also what was written while a
   const requests = server.seen.length;
   await sync.flush();
   await pass(60_000);
+  assert.equal(server.seen.length, requests);
+});
+
+test("what another reader writes is seen, and nothing changes as long as nobody writes", async () => {
+  await sync.look();
+  assert.deepEqual(server.seen, [], "what has not been read yet is not looked after");
+  await sync.load();
+  const before = sync.list.peek();
+  await sync.look();
+  assert.equal(sync.list.peek(), before);
+  server.put([a]);
+  await sync.look();
+  assert.deepEqual(notes(sync.list.peek()), ["a:"]);
+  // What is written here is joined with it when it is sent.
+  const requests = server.seen.length;
+  sync.change([...sync.list.peek(), b]);
+  await sync.look();
   assert.equal(server.seen.length, requests);
 });
 

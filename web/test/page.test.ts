@@ -13,7 +13,7 @@ import {
 } from "../src/base/case-words.ts";
 import type { Quality, ReadyCase } from "../src/model/case.ts";
 import { doubtsOf } from "../src/model/quality.ts";
-import { matches } from "../src/page/cases.ts";
+import { matches } from "../src/store/cases.ts";
 import { pathOf, reachOfChart, ticks } from "../src/page/chart.tsx";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
 import { isOfOther } from "../src/page/findings-files.tsx";

@@ -12,10 +12,9 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   gl: ["model"],
   store: ["model", "base"],
   panes: ["model", "base", "gl", "store"],
-  pacs: ["model", "base"],
-  page: ["model", "base", "gl", "store", "panes", "pacs"],
+  page: ["model", "base", "gl", "store", "panes"],
   compare: ["model", "base", "store", "page"],
-  launch: ["base", "pacs", "store", "page"],
+  launch: ["base", "store", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

@@ -185,6 +185,12 @@ export async function listCases(after: string | null, limit = 0): Promise<CasePa
   ).json() as Promise<CasePage>;
 }
 
+/** The newest cases with a part of a label, `limit` of them at most. */
+export async function findCases(label: string, limit: number): Promise<readonly Case[]> {
+  const answer = await send("v1/cases/search", { method: "POST", body: JSON.stringify({ label, limit }) });
+  return ((await answer.json()) as CasePage).cases;
+}
+
 export async function allCases(): Promise<Case[]> {
   const cases: Case[] = [];
   for (let after: string | null = null; ;) {

@@ -49,12 +49,6 @@ export function tell(element: HTMLElement, words: string): void {
   element.hidden = words === "";
 }
 
-/** Words of little weight. */
-export const quiet = (words: string): HTMLElement => h("p", { class: "quiet" }, words);
-
-/** Where something is reported, also to those who do not see it. */
-export const status = (id: string | null = null): HTMLElement => h("p", { id, class: "quiet", role: "status" });
-
 /** Sets an input's value, unless the user is typing into it. */
 export function setValue(input: HTMLInputElement | HTMLSelectElement, value: string | number): void {
   const typing = input instanceof HTMLInputElement && input.type === "number" && document.activeElement === input;

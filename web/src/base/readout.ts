@@ -1,15 +1,10 @@
 // Numbers of a place, in words.
 
+import { LETTERS } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { type ViewState, shallowMean, slabOf } from "../model/state.ts";
 import { intensity, number, t } from "./i18n.ts";
 import { type Vec3, inverted, transform } from "../model/space.ts";
-
-const SIDES = [
-  ["L", "R"],
-  ["P", "A"],
-  ["S", "I"],
-] as const;
 
 /** `L 32.1 · A 12.0 · S 45.2`, in mm; a line is never broken between a letter and its number. */
 export function positionWords(position_in_patient: Vec3): string {
@@ -18,7 +13,7 @@ export function positionWords(position_in_patient: Vec3): string {
 
 /** One coordinate with its side, such as `S 45.2`. */
 export const coordinate = (value: number, axis: number): string =>
-  `${SIDES[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`;
+  `${LETTERS[axis]?.[value < 0 ? 1 : 0] ?? ""}\u00a0${number(Math.abs(value), 1)}`;
 
 /** The depth of a state, and over how much of it intensities are averaged, where they are. */
 export function depthWords(state: Pick<ViewState, "depth_mm" | "slab_mm" | "averages_shallow">): string {

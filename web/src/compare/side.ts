@@ -1,30 +1,26 @@
 // One of the two cases that are compared: a frame with the page, which shows it.
 
+import { signal } from "@preact/signals";
+
 import { getCase } from "../base/api.ts";
-import { caseIdentity } from "../base/case-words.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
-import type { Case, ReadyCase } from "../model/case.ts";
+import type { ReadyCase } from "../model/case.ts";
 import { readAddress } from "../model/fragment.ts";
 import type { Linked, Shown } from "../model/linked.ts";
 import type { ViewState } from "../model/state.ts";
 
 const LOOK_AGAIN_MS = 50;
 
-/** What the page around the two sides does. */
-interface SideHost {
-  /** Another case was chosen. */
-  chosen(side: Side, id: string): void;
-  /** The reader has changed how the case is shown. */
-  changed(side: Side): void;
-}
-
 export class Side {
   readonly element = h("div", { class: "side" });
-  readonly choice: HTMLSelectElement;
-  readonly #name: string;
-  readonly #host: SideHost;
+  readonly name: "left" | "right";
+  readonly title: string;
+  /** The id of the case that was chosen; empty: none. */
+  readonly chosen = signal("");
+  /** Hears that the reader has changed how the case is shown. */
+  readonly #changed: (side: Side) => void;
   #frame: HTMLIFrameElement | null = null;
   #shown: ReadyCase | null = null;
   #state: ViewState | null = null;
@@ -33,27 +29,10 @@ export class Side {
   /** What was opened before is given up. */
   #turn = 0;
 
-  constructor(name: "left" | "right", cases: readonly Case[], host: SideHost) {
-    this.#host = host;
-    this.#name = t(`compare.${name}`);
-    this.choice = h("select", {
-      id: `compare-${name}`,
-      "aria-label": this.#name,
-      change: () => host.chosen(this, this.choice.value),
-    });
-    this.offer(cases);
-  }
-
-  /** What can be chosen now; what was chosen stays. */
-  offer(cases: readonly Case[]): void {
-    const { value } = this.choice;
-    const ready = cases.filter(({ id, state }) => state === "ready" || id === value);
-    const options = ready.map((one) => h("option", { value: one.id }, caseIdentity(one)));
-    const texts = [t("compare.choose"), ...options.map(({ text }) => text)];
-    // Options that are the same stay: the list may be open.
-    if (texts.join("\n") === [...this.choice.options].map(({ text }) => text).join("\n")) return;
-    this.choice.replaceChildren(h("option", { value: "" }, t("compare.choose")), ...options);
-    this.choice.value = value;
+  constructor(name: "left" | "right", changed: (side: Side) => void) {
+    this.name = name;
+    this.title = t(`compare.${name}`);
+    this.#changed = changed;
   }
 
   /** The case and its state, once the frame shows it. */
@@ -81,7 +60,7 @@ export class Side {
     this.close();
     const asked = readAddress(address);
     const id = asked.kind === "case" ? asked.id : "";
-    this.choice.value = id;
+    this.chosen.value = id;
     if (id === "") return;
     const turn = this.#turn;
     this.expect();
@@ -90,7 +69,7 @@ export class Side {
       throw problem;
     });
     if (turn !== this.#turn) return;
-    const frame = h("iframe", { title: this.#name, src: `./#${address}` });
+    const frame = h("iframe", { title: this.title, src: `./#${address}` });
     this.element.append(frame);
     this.#frame = frame;
     while (turn === this.#turn) {
@@ -128,7 +107,7 @@ export class Side {
     this.#panes = panes;
     panes.addEventListener("view", (event) => {
       this.#state = (event as CustomEvent<ViewState>).detail;
-      if (!this.#isFollowing) this.#host.changed(this);
+      if (!this.#isFollowing) this.#changed(this);
     });
     this.#frameIn(panes.ownerDocument);
     // Changing nothing tells the state.

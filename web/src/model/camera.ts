@@ -108,7 +108,7 @@ export function project(view: View, sphere: Sphere, size: Vec2): Projection {
 }
 
 /** The patient's direction letters along +L, +P, +S and against them. */
-const LETTERS = [
+export const LETTERS = [
   ["L", "R"],
   ["P", "A"],
   ["S", "I"],

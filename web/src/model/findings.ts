@@ -111,7 +111,7 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
   const [before, own, other] = [by(base), by(mine), by(theirs)];
   const list: Finding[] = [];
   const moved: [string, string][] = [];
-  for (const id of new Set([...other.keys(), ...own.keys()])) {
+  for (const id of inOrder([...other.keys()], [...own.keys()])) {
     const [was, here, there] = [before.get(id), own.get(id), other.get(id)];
     if (isSame(here, was) || isSame(here, there)) {
       if (there) list.push(there);
@@ -126,6 +126,19 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
     }
   }
   return { list, moved };
+}
+
+/** The ids of both lists: those of the other one as they stand there, and mine before those that they stand before here, so that no number changes. */
+function inOrder(other: readonly string[], own: readonly string[]): readonly string[] {
+  const places = new Map(other.map((id, at) => [id, at]));
+  const before = new Map<number, string[]>();
+  let at = other.length;
+  for (const id of own.toReversed()) {
+    const place = places.get(id);
+    if (place !== undefined) at = place;
+    else before.set(at, [id, ...(before.get(at) ?? [])]);
+  }
+  return [...other, null].flatMap((id, here) => [...(before.get(here) ?? []), ...(id === null ? [] : [id])]);
 }
 
 /** So near are the points of a finding that has been in a file of DICOM, in mm: there they have 24 bits. */

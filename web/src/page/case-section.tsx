@@ -9,10 +9,11 @@ import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { doubtsOf, qualityOf } from "../model/quality.ts";
-import { askText, maskDialog } from "./dialogs.ts";
+import { askText } from "./dialogs.tsx";
 import { fileStem } from "./export.ts";
-import { Button, type OfStore, Row, Section, Ticked } from "./fields.tsx";
+import { Button, type OfStore, Row, Section, Ticked, Writing } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
+import { maskDialog } from "./server-picture.tsx";
 
 /** Hears that a version was made, or was there. */
 export type Made = (one: Case, wasThere: boolean) => void;
@@ -96,12 +97,14 @@ export function CaseSection({ store, made }: OfStore & { readonly made: Made }) 
           <Button onClick={() => void tellSeries()}>{t("case.ask-series")}</Button>
         </Row>
       )}
-      <Ticked
-        id="keep-case"
-        words={t("case.keep")}
-        checked={age.kept}
-        onTick={(kept) => void tellAge(changeCase(shown.id, { kept }))}
-      />
+      <Writing>
+        <Ticked
+          id="keep-case"
+          words={t("case.keep")}
+          checked={age.kept}
+          onTick={(kept) => void tellAge(changeCase(shown.id, { kept }))}
+        />
+      </Writing>
       <Ticked
         id="mask-outline"
         words={t("case.outline")}
@@ -109,12 +112,16 @@ export function CaseSection({ store, made }: OfStore & { readonly made: Made }) 
         onTick={(isShown) => void outline(isShown)}
       />
       <Row>
-        <Button onClick={() => void rename()}>{t("case.rename")}</Button>
+        <Writing>
+          <Button onClick={() => void rename()}>{t("case.rename")}</Button>
+        </Writing>
         <Button onClick={() => maskDialog(shown.id)}>{t("quality.look")}</Button>
         <Button onClick={() => void save("mask")}>{t("case.save-mask")}</Button>
         <Button onClick={() => void save("envelope")}>{t("case.save-envelope")}</Button>
       </Row>
-      <Version shown={shown} made={made} say={say} attempt={attempt} />
+      <Writing>
+        <Version shown={shown} made={made} say={say} attempt={attempt} />
+      </Writing>
       <p class="quiet" role="status">
         {note}
       </p>

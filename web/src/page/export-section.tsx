@@ -4,10 +4,10 @@ import { useState } from "preact/hooks";
 
 import { t } from "../base/i18n.ts";
 import { replaceAddress } from "../store/address.ts";
-import { serverPictureDialog } from "./dialogs.ts";
 import { type OnScreen, copied, copyPicture, savePicture } from "./export.ts";
 import { Button, Choice, type OfStore, Row, Section } from "./fields.tsx";
-import { seriesDialog } from "./series.ts";
+import { seriesDialog } from "./series.tsx";
+import { serverPictureDialog } from "./server-picture.tsx";
 
 /** How many times the screen's pixels a saved picture can have. */
 const TIMES = [1, 2, 4] as const;

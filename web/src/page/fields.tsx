@@ -4,6 +4,7 @@ import type { ComponentChildren } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 
 import type { Icon as IconName } from "../base/dom.ts";
+import { mayWrite } from "../store/holder.ts";
 import type { Store } from "../store/store.ts";
 
 /** What every section is given. */
@@ -62,6 +63,16 @@ export const IconButton = ({
 
 export const Button = (attributes: ButtonAttributes & Children) => <button type="button" {...attributes} />;
 
+/** An element that is made elsewhere, among components; `alt` are the words of a picture. */
+export function Placed({ node, alt = "" }: { readonly node: HTMLElement; readonly alt?: string }) {
+  const place = useRef<HTMLSpanElement>(null);
+  useLayoutEffect(() => {
+    if (node instanceof HTMLImageElement) node.alt = alt;
+    place.current?.replaceChildren(node);
+  }, [node, alt]);
+  return <span class="mounted" ref={place} />;
+}
+
 /** A part of the panel, under its title. */
 export const Section = ({
   title,
@@ -110,6 +121,13 @@ export const Line = ({
 /** Buttons side by side. */
 export const Row = ({ children }: Children) => <div class="row">{children}</div>;
 
+/** Controls that change what is stored: disabled for whoever may only look. */
+export const Writing = ({ children }: Children) => (
+  <fieldset class="writing" disabled={!mayWrite.value}>
+    {children}
+  </fieldset>
+);
+
 /** A box to tick, with words behind it. */
 export const Ticked = ({
   words,
@@ -157,6 +175,17 @@ export const Choice = <Value extends string | number>({
       </option>
     ))}
   </select>
+);
+
+/** A choice in the label that names it. */
+export const LabelledChoice = <Value extends string | number>({
+  isInline = false,
+  ...choosing
+}: Choosing<Value> & { readonly isInline?: boolean }) => (
+  <label class={isInline ? "inline" : undefined}>
+    {choosing.label}
+    <Choice {...choosing} />
+  </label>
 );
 
 /** A labelled line with a choice, and what else it has. */

@@ -9,7 +9,7 @@ import type { ReadyCase } from "../model/case.ts";
 import { joined, readFindings } from "../model/findings.ts";
 import type { Store } from "../store/store.ts";
 import { fileStem } from "./export.ts";
-import { Button, Choice, FileInput, type OfStore, Quiet, Row, Ticked } from "./fields.tsx";
+import { Button, Choice, FileInput, type OfStore, Quiet, Row, Ticked, Writing } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
 import { takeOver } from "./take-over.tsx";
 
@@ -118,15 +118,17 @@ export function FindingFiles({ store }: OfStore) {
       </Row>
       {!isOfPatient && <Quiet>{t("findings.no-dicom")}</Quiet>}
       <Row>
-        <FileInput
-          id="findings-file"
-          words={t("findings.add-file")}
-          accept={isOfPatient ? ".json,.dcm" : ".json"}
-          onFiles={([file]) => {
-            if (file) void add(store, file);
-          }}
-        />
-        <Button onClick={() => void takeOver(store)}>{t("take-over.open")}</Button>
+        <Writing>
+          <FileInput
+            id="findings-file"
+            words={t("findings.add-file")}
+            accept={isOfPatient ? ".json,.dcm" : ".json"}
+            onFiles={([file]) => {
+              if (file) void add(store, file);
+            }}
+          />
+          <Button onClick={() => void takeOver(store)}>{t("take-over.open")}</Button>
+        </Writing>
       </Row>
     </>
   );

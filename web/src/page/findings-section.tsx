@@ -8,6 +8,7 @@ import { CERTAINTIES, type Finding, LONGEST_LABEL, LONGEST_NOTE, middleOf, numbe
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import { excessOf, plainLine, plainText } from "../model/text.ts";
 import { bring } from "../store/bring.ts";
+import { mayWrite } from "../store/holder.ts";
 import { choose, preferences } from "../store/preferences.ts";
 import {
   Button,
@@ -21,6 +22,7 @@ import {
   Status,
   Ticked,
   Typed,
+  Writing,
 } from "./fields.tsx";
 import { FindingFiles } from "./findings-files.tsx";
 
@@ -46,20 +48,23 @@ export function FindingsSection({ store }: OfStore) {
         />
       </Line>
       <div class="row one-line">
-        <Button onClick={() => findings.add()}>{t("findings.add")}</Button>
-        <IconButton
-          icon="undo"
-          label={t("findings.undo-last")}
-          disabled={!findings.canUndo.value}
-          onClick={() => findings.undo()}
-        />
-        <IconButton
-          icon="redo"
-          label={t("findings.redo-last")}
-          disabled={!findings.canRedo.value}
-          onClick={() => findings.redo()}
-        />
+        <Writing>
+          <Button onClick={() => findings.add()}>{t("findings.add")}</Button>
+          <IconButton
+            icon="undo"
+            label={t("findings.undo-last")}
+            disabled={!findings.canUndo.value}
+            onClick={() => findings.undo()}
+          />
+          <IconButton
+            icon="redo"
+            label={t("findings.redo-last")}
+            disabled={!findings.canRedo.value}
+            onClick={() => findings.redo()}
+          />
+        </Writing>
       </div>
+      {!mayWrite.value && <Quiet>{t("findings.read-only")}</Quiet>}
       <Status id="findings-status" words={findings.status.value} />
       <Status class="doubtful" words={findings.doubled.value} />
       {list.length === 0 ? (
@@ -117,53 +122,59 @@ function FindingRow({ store, finding, at }: OfStore & { readonly finding: Findin
         <Button class="finding-name" onClick={() => bring(store, middle, depth_mm)}>
           {name}
         </Button>
-        <IconButton icon="trash" label={t("findings.remove", { name })} onClick={() => findings.remove(id)} />
+        <Writing>
+          <IconButton icon="trash" label={t("findings.remove", { name })} onClick={() => findings.remove(id)} />
+        </Writing>
       </Row>
-      {is_unconfirmed && (
-        <Row>
-          <span class="doubtful">{t("findings.unconfirmed")}</span>
-          <Button aria-label={`${name}: ${t("findings.confirm")}`} onClick={() => findings.confirm(id)}>
-            {t("findings.confirm")}
-          </Button>
-        </Row>
-      )}
-      <Typed
-        class="finding-label"
-        maxLength={LONGEST_LABEL}
-        dir="auto"
-        placeholder={t("findings.label")}
-        aria-label={`${name}: ${t("findings.label")}`}
-        value={label}
-        same={(typed) => plainLine(typed, LONGEST_LABEL) === label}
-        onType={(typed) => findings.write(id, { label: plainLine(typed, LONGEST_LABEL) })}
-        onLeave={(typed) => {
-          findings.leaveField();
-          return plainLine(typed, LONGEST_LABEL);
-        }}
-      />
-      <Line label={t("findings.certainty")} isTall>
-        <Choice
-          id={`certainty-${id}`}
-          label={`${name}: ${t("findings.certainty")}`}
-          values={["", ...CERTAINTIES]}
-          value={certainty ?? ""}
-          words={(one) => t(one === "" ? "findings.uncertain" : `certainty.${one}`)}
-          onChoose={(one) => findings.rate(id, one === "" ? undefined : one)}
+      <Writing>
+        {is_unconfirmed && (
+          <Row>
+            <span class="doubtful">{t("findings.unconfirmed")}</span>
+            <Button aria-label={`${name}: ${t("findings.confirm")}`} onClick={() => findings.confirm(id)}>
+              {t("findings.confirm")}
+            </Button>
+          </Row>
+        )}
+        <Typed
+          class="finding-label"
+          maxLength={LONGEST_LABEL}
+          dir="auto"
+          placeholder={t("findings.label")}
+          aria-label={`${name}: ${t("findings.label")}`}
+          value={label}
+          same={(typed) => plainLine(typed, LONGEST_LABEL) === label}
+          onType={(typed) => findings.write(id, { label: plainLine(typed, LONGEST_LABEL) })}
+          onLeave={(typed) => {
+            findings.leaveField();
+            return plainLine(typed, LONGEST_LABEL);
+          }}
         />
-      </Line>
-      <Note store={store} finding={finding} label={`${name}: ${t("findings.note")}`} />
+        <Line label={t("findings.certainty")} isTall>
+          <Choice
+            id={`certainty-${id}`}
+            label={`${name}: ${t("findings.certainty")}`}
+            values={["", ...CERTAINTIES]}
+            value={certainty ?? ""}
+            words={(one) => t(one === "" ? "findings.uncertain" : `certainty.${one}`)}
+            onChoose={(one) => findings.rate(id, one === "" ? undefined : one)}
+          />
+        </Line>
+        <Note store={store} finding={finding} label={`${name}: ${t("findings.note")}`} />
+      </Writing>
       <Line label={t("findings.colour")}>
-        <input
-          type="color"
-          aria-label={`${name}: ${t("findings.colour")}`}
-          value={colour}
-          onChange={({ currentTarget }) => findings.change(id, { colour: currentTarget.value })}
-        />
-        <Ticked
-          words={t("findings.dismiss")}
-          checked={is_dismissed}
-          onTick={(isTicked) => findings.change(id, { is_dismissed: isTicked })}
-        />
+        <Writing>
+          <input
+            type="color"
+            aria-label={`${name}: ${t("findings.colour")}`}
+            value={colour}
+            onChange={({ currentTarget }) => findings.change(id, { colour: currentTarget.value })}
+          />
+          <Ticked
+            words={t("findings.dismiss")}
+            checked={is_dismissed}
+            onTick={(isTicked) => findings.change(id, { is_dismissed: isTicked })}
+          />
+        </Writing>
         <Ticked
           words={t("findings.drawn")}
           checked={!findings.hidden.value.has(findings.sync.keyOf(finding))}

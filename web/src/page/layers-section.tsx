@@ -12,8 +12,8 @@ import { isLayerId } from "../model/maps.ts";
 import { layersOf } from "../model/state.ts";
 import { announce } from "../store/announce.ts";
 import { Comparison } from "./comparison.tsx";
-import { askText, confirmDelete } from "./dialogs.ts";
-import { Button, Choice, FileInput, IconButton, Line, type OfStore, Quiet, Row, Section } from "./fields.tsx";
+import { askText, confirmDelete } from "./dialogs.tsx";
+import { Button, Choice, FileInput, IconButton, Line, type OfStore, Quiet, Row, Section, Writing } from "./fields.tsx";
 import { sendLayer, wishOf } from "./layer-form.ts";
 import { Nudge } from "./nudge.tsx";
 import { OverlayControls } from "./overlay-controls.tsx";
@@ -53,7 +53,9 @@ export function LayersSection({ store }: OfStore) {
           {isShown && <Comparison store={store} />}
           <OverlayControls store={store} isOfMap={false} />
           <Nudge store={store} />
-          <AddLayer store={store} />
+          <Writing>
+            <AddLayer store={store} />
+          </Writing>
           <p class="quiet layers-note" role="status">
             {layers.said.value}
           </p>
@@ -100,39 +102,48 @@ function Item({
         <span class="quiet">{[t(`layer.kind.${kind}`), unit].filter(Boolean).join(" · ")}</span>
         {/* The newest FLAIR has a map. */}
         {kind === "mr" && (
-          <Choice
-            id={`layer-contrast-${id}`}
-            data-do="contrast"
-            label={t("layer.contrast.of", { name })}
-            values={contrast ? CONTRASTS : (["unknown", ...CONTRASTS] as const)}
-            value={contrast ?? "unknown"}
-            words={(one) => t(`layer.contrast.${one}`)}
-            onChoose={(one) => {
-              if (one !== "unknown") change(() => changeLayer(shown.id, id, { contrast: one }));
-            }}
-          />
+          <Writing>
+            <Choice
+              id={`layer-contrast-${id}`}
+              data-do="contrast"
+              label={t("layer.contrast.of", { name })}
+              values={contrast ? CONTRASTS : (["unknown", ...CONTRASTS] as const)}
+              value={contrast ?? "unknown"}
+              words={(one) => t(`layer.contrast.${one}`)}
+              onChoose={(one) => {
+                if (one !== "unknown") change(() => changeLayer(shown.id, id, { contrast: one }));
+              }}
+            />
+          </Writing>
         )}
       </p>
       <p class={`quiet status${quality === "review" ? " doubtful" : ""}`}>{statusWords(layer)}</p>
       <Row>
         {isReady(layer) && greyOf(layer) && show("grey", isGrey, () => layers.grey(isGrey ? null : id))}
         {isReady(layer) && show("colours", isColoured, () => layers.colours(id))}
-        <IconButton
-          icon="up"
-          data-do="up"
-          label={t("layer.up", { name })}
-          disabled={at === 0}
-          onClick={() => move(at - 1)}
-        />
-        <IconButton
-          icon="down"
-          data-do="down"
-          label={t("layer.down", { name })}
-          disabled={at + 1 === count}
-          onClick={() => move(at + 1)}
-        />
-        <IconButton icon="edit" data-do="rename" label={t("layer.rename", { name })} onClick={() => change(rename)} />
-        <IconButton icon="trash" data-do="delete" label={t("layer.delete", { name })} onClick={() => change(remove)} />
+        <Writing>
+          <IconButton
+            icon="up"
+            data-do="up"
+            label={t("layer.up", { name })}
+            disabled={at === 0}
+            onClick={() => move(at - 1)}
+          />
+          <IconButton
+            icon="down"
+            data-do="down"
+            label={t("layer.down", { name })}
+            disabled={at + 1 === count}
+            onClick={() => move(at + 1)}
+          />
+          <IconButton icon="edit" data-do="rename" label={t("layer.rename", { name })} onClick={() => change(rename)} />
+          <IconButton
+            icon="trash"
+            data-do="delete"
+            label={t("layer.delete", { name })}
+            onClick={() => change(remove)}
+          />
+        </Writing>
       </Row>
     </li>
   );

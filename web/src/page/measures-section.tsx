@@ -4,6 +4,7 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { type Column, TOOLS, type Values } from "../model/measure.ts";
+import { mayWrite } from "../store/holder.ts";
 import { type Measured, columnWords, wordsOf } from "../store/measures.ts";
 import { Button, Buttons, IconButton, Line, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 
@@ -65,7 +66,11 @@ function Item({ store, measured }: OfStore & { readonly measured: Measured }) {
       {values.along_mm !== undefined && <Quiet>{t("measure.straight", lengthsOf(values))}</Quiet>}
       {column && <Depths store={store} measured={measured} between={column.between} />}
       <Row>
-        <Button disabled={isKept} aria-label={`${words}: ${keep}`} onClick={() => measures.keep(measured)}>
+        <Button
+          disabled={isKept || !mayWrite.value}
+          aria-label={`${words}: ${keep}`}
+          onClick={() => measures.keep(measured)}
+        >
           {keep}
         </Button>
         <IconButton

@@ -20,19 +20,27 @@ export function Notices({ store }: OfStore) {
   const trouble = store.trouble.value;
   const fallback = store.status.value?.fallback;
   const remark = store.remark.value;
+  const patient = store.patient.value;
   return (
-    <div class="notices">
-      <p class="notice-line bad" role="alert" hidden={trouble === ""}>
-        {trouble}
-      </p>
-      <p class="notice-line" role="status" hidden={!fallback}>
-        {fallback && t(`fallback.${fallback}`)}
-      </p>
-      <div class="notice-line remark" role="status" hidden={remark === ""}>
-        <span>{remark}</span>
-        <IconButton icon="close" label={t("notice.dismiss")} onClick={() => (store.remark.value = "")} />
+    <>
+      {patient && (
+        <p class="patient-banner" aria-label={t("pacs.patient")}>
+          {patient}
+        </p>
+      )}
+      <div class="notices">
+        <p class="notice-line bad" role="alert" hidden={trouble === ""}>
+          {trouble}
+        </p>
+        <p class="notice-line" role="status" hidden={!fallback}>
+          {fallback && t(`fallback.${fallback}`)}
+        </p>
+        <div class="notice-line remark" role="status" hidden={remark === ""}>
+          <span>{remark}</span>
+          <IconButton icon="close" label={t("notice.dismiss")} onClick={() => (store.remark.value = "")} />
+        </div>
       </div>
-    </div>
+    </>
   );
 }
 

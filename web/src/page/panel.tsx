@@ -1,9 +1,7 @@
 // The visible controls: everything that hands and keys do can be done here as well.
 
-import { effect } from "@preact/signals";
-import { render } from "preact";
+import { useLayoutEffect, useRef } from "preact/hooks";
 
-import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { TASKS, choose, preferences } from "../store/preferences.ts";
 import { CaseSection, type Made } from "./case-section.tsx";
@@ -18,6 +16,7 @@ import { LayoutsSection } from "./layouts-section.tsx";
 import { MapsSection } from "./maps-section.tsx";
 import { MeasuresSection } from "./measures-section.tsx";
 import { PointSection } from "./point-section.tsx";
+import { ResultsSection } from "./results-section.tsx";
 import { SweepSection } from "./sweep-section.tsx";
 import { ViewSection } from "./view-section.tsx";
 import { WindowSection } from "./window-section.tsx";
@@ -27,48 +26,33 @@ interface PanelProps extends OfStore {
   onScreen(): OnScreen;
 }
 
-/** The panel beside the picture. */
-export class Panel {
-  readonly element = h("aside", { class: "panel", "aria-label": t("panel.label") });
-  readonly #ends: readonly (() => void)[];
-
-  constructor(props: PanelProps) {
-    const { task, status } = props.store;
-    render(<Sections {...props} />, this.element);
-    this.#ends = [
-      effect(() => {
-        this.element.hidden = !preferences.value.panel;
-        this.element.dataset.way = status.value?.way ?? "";
-      }),
-      effect(() => {
-        this.element.dataset.task = task.value;
-        // A task that is all folded would show nothing.
-        const own = [...this.element.querySelectorAll<HTMLDetailsElement>(`:scope > [data-task~=${task.value}]`)];
-        if (own[0] && own.every(({ open }) => !open)) own[0].open = true;
-      }),
-    ];
-  }
-
-  dispose(): void {
-    for (const end of this.#ends) end();
-    render(null, this.element);
-    this.element.remove();
-  }
-}
-
-/** The sections, in the order of a reading: where to look, what is there, what is written down, how it is shown. */
-function Sections({ store, made, onScreen }: PanelProps) {
+/** The panel beside the picture: its sections in the order of a reading: where to look, what is there, what is written down, how it is shown. */
+export function Panel({ store, made, onScreen }: PanelProps) {
+  const panel = useRef<HTMLElement>(null);
+  const task = store.task.value;
+  useLayoutEffect(() => {
+    // A task that is all folded would show nothing.
+    const own = [...(panel.current?.querySelectorAll<HTMLDetailsElement>(`:scope > [data-task~=${task}]`) ?? [])];
+    if (own[0] && own.every(({ open }) => !open)) own[0].open = true;
+  }, [task]);
   return (
-    <>
+    <aside
+      class="panel"
+      aria-label={t("panel.label")}
+      hidden={!preferences.value.panel}
+      data-way={store.status.value?.way ?? ""}
+      data-task={task}
+      ref={panel}
+    >
       <Buttons
         name="tasks"
         label={t("task.label")}
         values={TASKS}
-        value={store.task.value}
+        value={task}
         words={(one) => t(`task.${one}`)}
-        onChoose={(task) => {
-          store.task.value = task;
-          choose({ task });
+        onChoose={(one) => {
+          store.task.value = one;
+          choose({ task: one });
         }}
       />
       <MapsSection store={store} />
@@ -84,6 +68,7 @@ function Sections({ store, made, onScreen }: PanelProps) {
       <CaseSection store={store} made={made} />
       <SweepSection store={store} />
       <ExportSection store={store} onScreen={onScreen} />
-    </>
+      <ResultsSection store={store} onScreen={onScreen} />
+    </aside>
   );
 }

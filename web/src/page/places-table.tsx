@@ -14,7 +14,7 @@ import type { Judgement } from "../store/findings.ts";
 import type { PlacesOfMap } from "../store/places.ts";
 import type { Store } from "../store/store.ts";
 import { Chart } from "./chart.tsx";
-import { Button, Buttons, Line, type OfStore, Quiet, Row } from "./fields.tsx";
+import { Button, Buttons, Line, type OfStore, Quiet, Row, Writing } from "./fields.tsx";
 
 /** What opens beside the surface when a place is gone to. */
 const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
@@ -151,13 +151,15 @@ function Details({ store, list, place, isHidden }: OfList & { readonly place: Ca
       <td colSpan={COLUMNS.length}>
         <Quiet>{`${facts} · ${positionWords(position_in_patient)}`}</Quiet>
         <Quiet>{t("candidates.score-about")}</Quiet>
-        <Buttons
-          label={t("places.decision")}
-          values={JUDGEMENTS}
-          value={judgement}
-          words={(one) => t(one === "kept" ? "places.keep" : "places.dismiss")}
-          onChoose={(one) => store.findings.judge(place, judgement === one ? null : one, list.map)}
-        />
+        <Writing>
+          <Buttons
+            label={t("places.decision")}
+            values={JUDGEMENTS}
+            value={judgement}
+            words={(one) => t(one === "kept" ? "places.keep" : "places.dismiss")}
+            onChoose={(one) => store.findings.judge(place, judgement === one ? null : one, list.map)}
+          />
+        </Writing>
         <Row>
           {BESIDE.map((layout) => (
             <Button key={layout} onClick={() => goToPlace(store, list, place, layout)}>

@@ -1,20 +1,19 @@
 // The dialog that takes over the findings of another case: the reader sees both heads before agreeing.
 
 import { useEffect, useRef, useState } from "preact/hooks";
-import { render } from "preact";
 
 import { allCases, send } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { h } from "../base/dom.ts";
 import { moment, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
 import type { Finding } from "../model/findings.ts";
 import type { ViewState } from "../model/state.ts";
-import { patientWords } from "../pacs/neighbour.ts";
+import { patientWords } from "../base/pacs.ts";
 import type { Store } from "../store/store.ts";
-import { fill, open } from "./dialogs.ts";
+import { Closing, End, open } from "./dialogs.tsx";
 import { Status } from "./fields.tsx";
+import { ServerPicture } from "./server-picture.tsx";
 
 /** The side of a picture, in pixels. */
 const PIXELS = 384;
@@ -22,12 +21,9 @@ const PIXELS = 384;
 /** Lets the reader choose another case and compare both heads, then takes over its findings. */
 export async function takeOver(store: Store): Promise<void> {
   const { findings } = store;
-  const host = h("div", { class: "heads" });
   let other = "";
-  render(<Heads store={store} onChoose={(id) => (other = id)} />, host);
-  const { closed } = open(t("take-over.title"), "take-over", host);
-  const answer = await closed;
-  render(null, host);
+  const heads = <Heads store={store} onChoose={(id) => (other = id)} />;
+  const answer = await open(t("take-over.title"), "take-over", <div class="heads">{heads}</div>, null);
   if (answer !== "take" || other === "") return;
   const before = findings.list.peek();
   const known = new Set(before.map(({ id }) => id));
@@ -111,14 +107,10 @@ function Heads({ store, onChoose }: { readonly store: Store; onChoose(id: string
         {other && <Head key={other.id} title={t("take-over.from")} one={other} state={view.now} onSeen={see} />}
       </div>
       <Status words={said} />
-      <div class="row end">
-        <button type="submit" value="">
-          {t("delete.keep")}
-        </button>
-        <button type="submit" value="take" class="primary" disabled={!isSeen || !count}>
-          {t("take-over.do")}
-        </button>
-      </div>
+      <End>
+        <Closing value="" words={t("delete.keep")} />
+        <Closing value="take" words={t("take-over.do")} class="primary" disabled={!isSeen || !count} />
+      </End>
     </>
   );
 }
@@ -136,24 +128,18 @@ function Head({
   onSeen(id: string): void;
 }) {
   const [patient, setPatient] = useState("");
-  const place = useRef<HTMLDivElement>(null);
+  // No picture is seen before its patient.
   useEffect(() => {
-    const depth_mm = Math.min(state.depth_mm, one.max_depth_mm).toFixed(2);
-    const query = new URLSearchParams({
-      depth_mm,
-      orientation: state.orientation.map((part) => part.toFixed(6)).join(","),
-      width: String(PIXELS),
-      height: String(PIXELS),
-      annotate: "true",
-    });
-    const show = async (): Promise<void> => {
-      // No picture is seen before its patient.
-      setPatient((await patientWords(one).catch(() => t("pacs.patient-unknown"))) || t("take-over.no-patient"));
-      const alt = t("take-over.picture", { name: caseIdentity(one) });
-      if (place.current && (await fill(place.current, `${one.id}/render?${query}`, alt))) onSeen(one.id);
-    };
-    void show();
+    const say = (words: string): void => setPatient(words || t("take-over.no-patient"));
+    patientWords(one).then(say, () => say(t("pacs.patient-unknown")));
   }, []);
+  const query = new URLSearchParams({
+    depth_mm: Math.min(state.depth_mm, one.max_depth_mm).toFixed(2),
+    orientation: state.orientation.map((part) => part.toFixed(6)).join(","),
+    width: String(PIXELS),
+    height: String(PIXELS),
+    annotate: "true",
+  });
   return (
     <section data-id={one.id}>
       <h3>{title}</h3>
@@ -161,9 +147,13 @@ function Head({
       <p class="patient">{patient}</p>
       <p class="quiet">{`${t("case.uploaded")}: ${moment(one.created_at)}`}</p>
       {one.closed && <p class="bad">{t(`closed.${one.closed}`)}</p>}
-      <div class="server-shot" ref={place}>
-        <p class="quiet">{t("server.waiting")}</p>
-      </div>
+      {patient && (
+        <ServerPicture
+          path={`${one.id}/render?${query}`}
+          alt={t("take-over.picture", { name: caseIdentity(one) })}
+          onSeen={() => onSeen(one.id)}
+        />
+      )}
     </section>
   );
 }

@@ -1,16 +1,14 @@
 // Where cases are added: files chosen or dropped, sent under fixed names.
 
 import { computed, signal } from "@preact/signals";
-import { render } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 
 import { type Uploaded, uploadCase } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { h } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
-import { confirmRename, offerLayers } from "./dialogs.ts";
+import { confirmRename, offerLayers } from "./dialogs.tsx";
 import { type Offer, sendLayer, wishOf } from "./layer-form.ts";
 import { Sending, Transfer } from "./transfer.tsx";
 import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
@@ -29,7 +27,8 @@ interface Fields {
 }
 
 export class Upload {
-  readonly element: HTMLDetailsElement;
+  /** Whether the form is unfolded. */
+  readonly isOpen = signal(false);
   /** The result of the last upload; outside of the form, which is closed by then. */
   readonly done = signal("");
   readonly chosen = signal(NOTHING);
@@ -46,19 +45,13 @@ export class Upload {
 
   constructor(onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
     this.#onCreated = onCreated;
-    this.element = h("details", { id: "add", class: "add" });
-    render(<UploadForm upload={this} />, this.element);
-  }
-
-  open(): void {
-    this.element.open = true;
   }
 
   /** Asks for files as the browser does, and sends them at once. */
   choose(): void {
-    this.open();
+    this.isOpen.value = true;
     this.#isAtOnce = true;
-    const input = this.element.querySelector<HTMLInputElement>("input[type=file]");
+    const input = document.querySelector<HTMLInputElement>("#upload-volume");
     // What is chosen later in the form waits for its label and its mask.
     input?.addEventListener("cancel", () => (this.#isAtOnce = false), { once: true });
     input?.click();
@@ -66,13 +59,13 @@ export class Upload {
 
   /** Files that were dropped on the page. */
   drop(files: readonly File[]): void {
-    this.open();
+    this.isOpen.value = true;
     this.#isAtOnce = false;
     const [only] = files;
     // A mask alone joins the volume that is there.
     if (only && files.length === 1 && looksLikeMask(only) && this.chosen.peek().files.length > 0) this.takeMask(only);
     else this.take(files);
-    this.element.scrollIntoView({ block: "nearest" });
+    document.getElementById("add")?.scrollIntoView({ block: "nearest" });
   }
 
   take(files: readonly File[]): void {
@@ -129,7 +122,7 @@ export class Upload {
   /** Empties and closes the form. */
   #forget(): void {
     this.#empty();
-    this.element.open = false;
+    this.isOpen.value = false;
   }
 
   /** Adds those of the other volumes that are wanted as layers, one after the other; what became of them in words. */
@@ -161,7 +154,7 @@ export class Upload {
   }
 }
 
-function UploadForm({ upload }: { readonly upload: Upload }) {
+export function UploadForm({ upload }: { readonly upload: Upload }) {
   const name = useRef<HTMLInputElement>(null);
   const radius = useRef<HTMLInputElement>(null);
   const emptied = upload.emptied.value;
@@ -174,7 +167,12 @@ function UploadForm({ upload }: { readonly upload: Upload }) {
     void upload.submit({ name: name.current?.value.trim() ?? "", radius_mm });
   };
   return (
-    <>
+    <details
+      id="add"
+      class="add"
+      open={upload.isOpen.value}
+      onToggle={({ currentTarget }) => (upload.isOpen.value = currentTarget.open)}
+    >
       <summary>{t("upload.title")}</summary>
       <form id="upload" onSubmit={submit}>
         <div>
@@ -226,7 +224,7 @@ function UploadForm({ upload }: { readonly upload: Upload }) {
           <Transfer transfer={upload.transfer} words={t("upload.send")} />
         </section>
       </form>
-    </>
+    </details>
   );
 }
 

@@ -7,11 +7,10 @@ import type { ReadyCase } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
 import type { Left } from "../model/memory.ts";
-import { pictureBody } from "../model/series.ts";
 import { hasSlices } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
-import { meetNeighbour } from "../pacs/neighbour.ts";
+import { pacsOf, patientWords } from "../base/pacs.ts";
 import { Closer } from "../panes/closer.ts";
 import { MapPane } from "../panes/flat-map.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
@@ -20,12 +19,9 @@ import { announce } from "../store/announce.ts";
 import { settle } from "../store/bring.ts";
 import { catchUp, leaveCloser, showAcross } from "../store/commands.ts";
 import { Store } from "../store/store.ts";
-import type { Surface } from "../store/surface.ts";
-import type { Made } from "./case-section.tsx";
 import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
 import { LoadingLine, Note, Notices, unreadWords } from "./notices.tsx";
-import { Panel } from "./panel.tsx";
 import { spokenWords } from "./spoken.ts";
 
 /** How long the state rests before the address follows it and the depth is read out. */
@@ -39,15 +35,10 @@ export interface Opening {
   readonly left: Left;
   /** Whether the server alone draws. */
   readonly serverOnly: boolean;
-  /** What draws the case already: the page was built again, in another language. */
-  readonly surface: Surface | null;
-  /** A version of the case was made, or was there. */
-  readonly made: Made;
 }
 
 export class Viewer {
   readonly element: HTMLElement;
-  readonly panel: Panel;
   readonly store: Store;
   readonly #panes: HTMLElement;
   readonly #surface: SurfacePane;
@@ -64,16 +55,14 @@ export class Viewer {
   /** What was read out last; null before the first picture. */
   #said: string | null = null;
   #isDisposed = false;
-  /** Whether somebody else has the surface now. */
-  #isReleased = false;
 
-  constructor(shown: ReadyCase, { rest, left, serverOnly, surface, made }: Opening) {
+  constructor(shown: ReadyCase, { rest, left, serverOnly }: Opening) {
     // An address that says something says all; one that names the case alone leaves it as it was.
     const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left.state, shown);
     const { state, unread } = isAsLeft ? { state: left.state, unread: [] } : readState(rest, shown);
     const store = (this.store = new Store(shown, state, left.history));
     store.remark.value = unreadWords(unread);
-    this.#surface = new SurfacePane(store, serverOnly, surface);
+    this.#surface = new SurfacePane(store, serverOnly);
     this.#slices = new SliceGroup(store, () => this.#schedule());
     this.#panes = h(
       "div",
@@ -108,7 +97,6 @@ export class Viewer {
       this.#mounted(<Explanation />),
       this.#mounted(<DepthBar store={store} />),
     );
-    this.panel = new Panel({ store, made, onScreen: () => this.#onScreen });
     for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
     this.#ends = this.#follow();
   }
@@ -119,7 +107,7 @@ export class Viewer {
     this.#loadAbort = new AbortController();
     store.loading.value = "begun";
     // No picture is seen before its patient.
-    this.#meetNeighbour();
+    void this.#meetPacs();
     try {
       await this.#surface.surface.load(this.#loadAbort.signal, (progress) => (store.loading.value = progress));
       store.loading.value = null;
@@ -154,18 +142,6 @@ export class Viewer {
     this.#schedule();
   }
 
-  /** Brings the address to where a sweep is, before the page is built again from it. */
-  settle(): void {
-    this.store.sweep.stop();
-    this.store.view.rest();
-  }
-
-  /** Hands over what draws the case; the viewer itself is done with. */
-  release(): Surface {
-    this.#isReleased = true;
-    return this.#surface.surface;
-  }
-
   dispose(): void {
     this.#isDisposed = true;
     for (const end of this.#ends) end();
@@ -175,8 +151,8 @@ export class Viewer {
     this.#loadAbort.abort();
     this.#observer.disconnect();
     this.store.dispose();
-    for (const part of [this.#slices, this.#closer, this.#map, this.panel]) part?.dispose();
-    if (!this.#isReleased) this.#surface.surface.dispose();
+    for (const part of [this.#slices, this.#closer, this.#map]) part?.dispose();
+    this.#surface.surface.dispose();
     this.element.remove();
   }
 
@@ -297,7 +273,7 @@ export class Viewer {
     for (const pane of this.#all) pane.describe(words);
   }
 
-  get #onScreen(): OnScreen {
+  get onScreen(): OnScreen {
     const { store } = this;
     // A layer that is being fetched is not on the screen; in a close-up the surface is not.
     const state = this.#closer ? store.drawn.peek() : { ...store.view.now, ...this.#surface.layers };
@@ -312,19 +288,17 @@ export class Viewer {
     };
   }
 
-  /** Adds once what there is for a case from DICOM; a server without a PACS has nothing. Until then, pictures are hidden. */
-  #meetNeighbour(): void {
-    const { shown, findings } = this.store;
+  /** Asks once whose head it is, and to which nodes results can be sent. Until then, pictures are hidden. */
+  async #meetPacs(): Promise<void> {
+    const { store } = this;
     const { dataset } = this.element;
-    if (!shown.links?.dicom || dataset.patient) return;
+    if (!store.shown.links?.dicom || dataset.patient) return;
     dataset.patient = "awaited";
-    const picture = (side: number) => {
-      const { state, surface } = this.#onScreen;
-      return pictureBody(surface.surface.served(state), [side, side]);
-    };
-    const marks = () => ({ list: findings.list.peek(), flush: () => findings.sync.flush() });
-    meetNeighbour(shown.id, this.element, picture, marks)
-      .catch(() => {})
-      .finally(() => (dataset.patient = "met"));
+    store.patient.value = await patientWords(store.shown).catch(() => "");
+    store.nodes.value = await pacsOf().then(
+      ({ nodes }) => nodes,
+      () => [],
+    );
+    dataset.patient = "met";
   }
 }

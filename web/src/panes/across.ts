@@ -1,13 +1,10 @@
 // The slice across the sulcus: a plane through the mark that holds the normal of the surface, turned by hand. The server
 // draws it, and says how it lies.
 
-import type { ReadyCase } from "../model/case.ts";
 import { send } from "../base/api.ts";
-import { caseIdentity } from "../base/case-words.ts";
-import { h, iconButton, setText, setValue } from "../base/dom.ts";
+import { iconButton, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { FollowingPicture, type Wish, decoded } from "../base/picture.ts";
-import { depthAtWords, positionWords } from "../base/readout.ts";
+import { FollowingPicture, decoded } from "../base/picture.ts";
 import {
   type AcrossPlane,
   acrossSphere,
@@ -20,19 +17,18 @@ import {
 } from "../model/across.ts";
 import { type Projection, edgesOf, project } from "../model/camera.ts";
 import { pan, pinch, wheelZoom, zoomAt } from "../model/controls.ts";
-import { type Marked, sliceMarks } from "../model/marks.ts";
+import { sliceMarks } from "../model/marks.ts";
 import { acrossQuery, pictureSize } from "../model/query.ts";
-import { CENTRED, type Placing, withinReach } from "../model/slice-geometry.ts";
+import { type Placing, withinReach } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import { showAcross } from "../store/commands.ts";
 import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
-import { MapBar } from "./map-bar.ts";
-import { Overlay, overlayWords, titleWords } from "./overlay.ts";
+import { overlayWords, titleWords } from "./overlay.ts";
+import { PlanePane } from "./plane-pane.ts";
 import type { Placed } from "./screenshot.ts";
 import { MOST_PIXELS, MOST_SAVED_PIXELS, type Zoomed, dragTheWindow } from "./slice-parts.ts";
-import { isBesideAnother } from "./slice-words.ts";
 
 /** How much of the head is seen at first, along the smaller side of the pane. */
 const FIRST_MM = 90;
@@ -54,180 +50,94 @@ interface Drawn {
   readonly plane: AcrossPlane | null;
 }
 
-export class AcrossPane {
-  readonly element: HTMLElement;
-  readonly name = "across";
-  readonly #shown: ReadyCase;
-  readonly #store: Store;
-  readonly #zoomed: Zoomed;
+export class AcrossPane extends PlanePane {
   /** Hears how the plane lies; null: that is not known. */
   readonly #lies: (plane: AcrossPlane | null) => void;
-  readonly #overlay: Overlay;
   readonly #picture: FollowingPicture<Seen, Drawn>;
-  readonly #image = h("div", { class: "slice-image" });
-  readonly #frame = h("div", { class: "slice-view" }, this.#image);
-  readonly #hovered = h("span", { class: "hovered", hidden: true });
-  readonly #mapBar = new MapBar();
-  readonly #range: HTMLInputElement;
-  readonly #words = h("p", { id: "slice-across-words", class: "visually-hidden" });
-  readonly #home: Placing;
-  #state: ViewState | null = null;
-  #placing: Placing;
   /** What the picture that is up shows, and how it lies. */
   #drawn: (Seen & { readonly plane: AcrossPlane | null }) | null = null;
-  #outlined = true;
-  #marked: readonly Marked[] = [];
-  #pointer: Vec2 | null = null;
 
   constructor(store: Store, zoomed: Zoomed, lies: (plane: AcrossPlane | null) => void) {
-    const { shown } = store;
-    this.#shown = shown;
-    this.#store = store;
-    this.#zoomed = zoomed;
-    this.#lies = lies;
-    this.#home = { ...CENTRED, zoom: (2 * shown.envelope_sphere.radius_mm) / FIRST_MM };
-    this.#placing = this.#home;
     const label = t("across.label");
-    this.element = h(
-      "section",
-      { class: "pane slice across blank", role: "group", tabindex: 0, "aria-label": label },
-      this.#frame,
-    );
-    this.element.setAttribute("aria-describedby", this.#words.id);
-    this.#overlay = new Overlay(this.#frame);
-    this.#overlay.element.append(this.#mapBar.element, this.#hovered);
-    this.#range = h("input", {
-      type: "range",
-      class: "slice-range",
-      min: -90,
-      max: 90,
-      step: 1,
-      "aria-label": t("across.turn"),
-      input: () => store.view.change({ across_deg: this.#range.valueAsNumber }),
+    super(store, zoomed, {
+      name: "across",
+      classes: "across",
+      label,
+      plane: label,
+      zoom: (2 * store.shown.envelope_sphere.radius_mm) / FIRST_MM,
+      range: { min: -90, max: 90, step: 1, "aria-label": t("across.turn") },
+      buttons: [iconButton("close", t("across.close"), () => showAcross(store, null))],
     });
-    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => store.enlarge(this.name));
-    const close = iconButton("close", t("across.close"), () => showAcross(store, null));
-    this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge, close), this.#words);
-    if (isBesideAnother()) this.#overlay.identity(caseIdentity(shown));
+    this.#lies = lies;
     this.#picture = new FollowingPicture<Seen, Drawn>(
-      {
-        put: (drawn, seen) => this.#put(drawn, seen),
-        complain: (problem) => {
-          this.element.classList.toggle("troubled", problem !== null);
-          store.complain(problem);
-        },
-      },
-      (wish) => this.#load(wish),
+      { put: (drawn, seen) => this.#put(drawn, seen), complain: (problem) => this.complain(problem) },
+      ({ path, about }) => drawnAt(path, about),
     );
     this.#listen();
   }
 
   /** Shows the plane through the state's mark. */
   show(state: ViewState): void {
-    this.#state = state;
+    this.state = state;
     const seen = this.#seen(state);
-    if (!seen || this.#frame.clientWidth === 0) return;
-    const path = this.#path(seen, pictureSize(this.#size, devicePixelRatio, MOST_PIXELS));
+    if (!seen || this.frame.clientWidth === 0) return;
+    const path = this.#path(seen, pictureSize(this.size, devicePixelRatio, MOST_PIXELS));
     if (this.#picture.show(path, seen) && this.#drawn) this.#drawn = { ...seen, plane: this.#drawn.plane };
-    setValue(this.#range, seen.turn_deg);
-    this.#range.setAttribute("aria-valuetext", `${number(seen.turn_deg)}°`);
-    this.#write();
-  }
-
-  get zoom(): number {
-    return this.#placing.zoom;
-  }
-
-  get isLarge(): boolean {
-    return this.element.classList.contains("large");
-  }
-
-  /** Whether it is as large as all panes; then it names the case itself. */
-  enlarge(isLarge: boolean): void {
-    if (isLarge === this.isLarge) return;
-    this.element.classList.toggle("large", isLarge);
-    if (isLarge) this.element.focus();
-    this.#overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.#shown) : "");
+    setValue(this.range, seen.turn_deg);
+    this.range.setAttribute("aria-valuetext", `${number(seen.turn_deg)}°`);
+    this.write();
   }
 
   /** The mark in the middle again. */
   center(): void {
-    this.#setPlacing(this.#home);
+    this.setPlacing(this.home);
   }
 
   zoomTo(zoom: number): void {
-    if (zoom !== this.#placing.zoom) this.#setPlacing({ ...this.#placing, zoom });
-  }
-
-  mark(marked: readonly Marked[]): void {
-    this.#marked = marked;
-    this.#write();
-  }
-
-  outline(shown: boolean): void {
-    this.#outlined = shown;
-    if (this.#state) this.show(this.#state);
-  }
-
-  describe(words: string): void {
-    setText(this.#words, `${this.#range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
+    if (zoom !== this.placing.zoom) this.setPlacing({ ...this.placing, zoom });
   }
 
   /** The slice as it lies, with so many pixels to a CSS pixel, for a screenshot. */
   async placed(ratio: number): Promise<Placed | null> {
-    const seen = this.#state && this.#seen(this.#state);
+    const seen = this.state && this.#seen(this.state);
     if (!seen) return null;
-    const { image } = await drawnAt(this.#path(seen, pictureSize(this.#size, ratio, MOST_SAVED_PIXELS)), seen);
-    return { element: this.#frame, picture: image, isFlipped: false };
+    const { image } = await drawnAt(this.#path(seen, pictureSize(this.size, ratio, MOST_SAVED_PIXELS)), seen);
+    return { element: this.frame, picture: image, isFlipped: false };
   }
 
   dispose(): void {
     this.#picture.stop();
-    if (this.isLarge) this.#store.large.value = null;
+    if (this.isLarge) this.store.large.value = null;
     this.#lies(null);
     this.element.remove();
   }
 
-  get #size(): Vec2 {
-    return [this.#frame.clientWidth, this.#frame.clientHeight];
-  }
-
   #seen(state: ViewState): Seen | null {
     const { crosshair_mm: mark, across_deg: turn_deg } = state;
-    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.#placing } : null;
+    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.placing } : null;
   }
 
-  #path({ state, mark, turn_deg, placing: { zoom, pan_mm } }: Seen, size: Vec2): string {
-    const query = acrossQuery(state, [mark, turn_deg], size);
-    if (!this.#outlined) query.delete("depth_mm");
-    query.set("zoom", zoom.toFixed(4));
-    if (pan_mm.some((part) => part !== 0)) query.set("pan", pan_mm.map((part) => part.toFixed(2)).join(","));
-    return `${this.#shown.id}/slices/oblique?${query}`;
-  }
-
-  async #load({ path, about }: Wish<Seen>): Promise<Drawn> {
-    return drawnAt(path, about);
+  #path({ state, mark, turn_deg }: Seen, size: Vec2): string {
+    return this.path("oblique", acrossQuery(state, [mark, turn_deg], size));
   }
 
   #put({ image, plane }: Drawn, seen: Seen): void {
-    this.#image.replaceChildren(image);
-    this.element.classList.remove("blank");
     this.#drawn = { ...seen, plane };
     image.alt = t("across.alt", { angles: anglesOf(plane), depth: number(seen.state.depth_mm, 1) });
-    Object.assign(this.element.dataset, {
+    this.put(image, {
       turn: seen.turn_deg,
       position: seen.mark.join(),
       depth: seen.state.depth_mm,
       overlay: seen.state.overlay?.name ?? "",
       layer: seen.state.layer?.id ?? "",
     });
-    this.#mapBar.show(seen.state.overlay);
-    this.#write();
+    this.mapBar.show(seen.state.overlay);
+    this.write();
   }
 
   /** Words, marks and the cross are of the picture that is up: the one of another plane may come later. */
-  #write(): void {
-    const [state, drawn] = [this.#state, this.#drawn];
+  protected write(): void {
+    const [state, drawn] = [this.state, this.#drawn];
     const wanted = state && this.#seen(state);
     const { plane } = drawn ?? {};
     // Its traces follow the hand at once.
@@ -237,112 +147,87 @@ export class AcrossPane {
     const over = drawn?.state.overlay ? overlayWords(drawn.state.overlay) : "";
     const more = [layer, over].filter(Boolean).join(" · ");
     const badge = plane && hasSides(plane) ? t(`convention.${drawn?.state.convention ?? "radiological"}.badge`) : "";
-    this.#overlay.title(`${t("across.title")}\n${[anglesOf(plane ?? null), more].filter(Boolean).join(" · ")}`, badge);
+    this.overlay.title(`${t("across.title")}\n${[anglesOf(plane ?? null), more].filter(Boolean).join(" · ")}`, badge);
     const projection = this.#projection();
     if (!drawn || !plane || !projection) {
-      this.#overlay.cursor(null, this.#size, { kind: "mark" });
-      this.#overlay.marks([], this.#size);
+      this.overlay.cursor(null, this.size, { kind: "mark" });
+      this.overlay.marks([], this.size);
       return;
     }
     this.#lay(drawn.placing);
-    this.#overlay.letter(edgesOf(plane.orientation));
-    this.#overlay.scale(projection.mm_per_pixel, this.#size[0]);
+    this.overlay.letter(edgesOf(plane.orientation));
+    this.overlay.scale(projection.mm_per_pixel, this.size[0]);
     const pixelOf = (point: Vec3): Vec2 => projection.pixelOf(point).slice(0, 2) as unknown as Vec2;
     const { place_mm = 0 } = drawn.state;
-    this.#overlay.cursor(pixelOf(plane.mark), this.#size, { kind: "mark", place_mm });
-    const inPlane = sliceMarks(this.#marked, (point) => awayFrom(plane, point), pixelOf);
-    this.#overlay.marks(inPlane, this.#size);
-    if (this.#pointer) this.#sayHovered();
+    this.overlay.cursor(pixelOf(plane.mark), this.size, { kind: "mark", place_mm });
+    const inPlane = sliceMarks(this.marked, (point) => awayFrom(plane, point), pixelOf);
+    this.overlay.marks(inPlane, this.size);
+    this.sayHovered();
   }
 
   /** Until the picture of another placing comes, the one that is up is laid as it will be. */
   #lay(drawn: Placing): void {
-    const [width, height] = this.#size;
-    const wanted = this.#placing;
+    const [width, height] = this.size;
+    const wanted = this.placing;
     const mmPerPixel = (zoom: number): number =>
-      (2 * this.#shown.envelope_sphere.radius_mm) / (zoom * Math.min(width, height));
+      (2 * this.shown.envelope_sphere.radius_mm) / (zoom * Math.min(width, height));
     const [before, now] = [mmPerPixel(drawn.zoom), mmPerPixel(wanted.zoom)];
     const [x, y] = [0, 1].map((axis) => ((wanted.pan_mm[axis] ?? 0) - (drawn.pan_mm[axis] ?? 0)) / now);
-    this.#image.style.transform = `translate(${x}px, ${-(y ?? 0)}px) scale(${before / now})`;
+    this.image.style.transform = `translate(${x}px, ${-(y ?? 0)}px) scale(${before / now})`;
   }
 
   /** Where the patient is in the pane, in the plane of the picture that is up. */
   #projection(): Projection | null {
     const plane = this.#drawn?.plane;
     if (!plane) return null;
-    return project(acrossView(plane, this.#placing), acrossSphere(plane, this.#shown.envelope_sphere), this.#size);
+    return project(acrossView(plane, this.placing), acrossSphere(plane, this.shown.envelope_sphere), this.size);
   }
 
-  #positionAt([x, y]: Vec2): Vec3 | null {
+  protected positionAt([x, y]: Vec2): Vec3 | null {
     const projection = this.#projection();
-    return projection && withinReach(this.#shown, projection.positionOf([x, y, 0]));
+    return projection && withinReach(this.shown, projection.positionOf([x, y, 0]));
   }
 
-  #place(placing: Placing): void {
-    const isZoomed = placing.zoom !== this.#placing.zoom;
-    this.#setPlacing(placing);
-    if (isZoomed) this.#zoomed(this.name, placing.zoom);
-  }
-
-  #setPlacing(placing: Placing): void {
-    this.#placing = placing;
-    if (this.#state) this.show(this.#state);
+  protected slide(across_deg: number): void {
+    this.store.view.change({ across_deg });
   }
 
   #turn(steps: number, isFine: boolean): void {
-    const turn_deg = this.#state?.across_deg ?? 0;
+    const turn_deg = this.state?.across_deg ?? 0;
     const step_deg = isFine ? FINE_STEP_DEG : STEP_DEG;
-    this.#store.view.change({ across_deg: boundTurn(turn_deg + steps * step_deg) });
-  }
-
-  #hover(event: PointerEvent | null): void {
-    const box = this.#frame.getBoundingClientRect();
-    this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
-    this.#store.tool?.hover(this.#pointer && this.#positionAt(this.#pointer));
-    this.#sayHovered();
-  }
-
-  #sayHovered(): void {
-    const position = this.#pointer && this.#positionAt(this.#pointer);
-    this.#hovered.hidden = !position;
-    if (!position) return;
-    const depth = depthAtWords(this.#store.surface?.probe(position)?.depth_mm);
-    const values = this.#store.point.valuesAt(position);
-    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
+    this.store.view.change({ across_deg: boundTurn(turn_deg + steps * step_deg) });
   }
 
   /** A click marks the point, or is one of the ruler's. */
   #tap(place: Vec2): void {
-    const position = this.#positionAt(place);
+    const position = this.positionAt(place);
     if (!position) return;
-    const tool = this.#store.tool;
+    const tool = this.store.tool;
     if (tool) tool.add(position, "slice");
-    else if (this.#store.surface?.isInHead(position)) this.#store.moveCross(position, true);
-    else this.#store.miss(t("point.beside"));
+    else if (this.store.surface?.isInHead(position)) this.store.moveCross(position, true);
+    else this.store.miss(t("point.beside"));
   }
 
   #listen(): void {
-    const view = () => acrossView({ orientation: [0, 0, 0, 1] }, this.#placing);
-    listen(this.#frame, {
+    const view = () => acrossView({ orientation: [0, 0, 0, 1] }, this.placing);
+    listen(this.frame, {
       tap: (place) => this.#tap(place),
       drag: (kind, move) => {
-        if (kind === "window") return dragTheWindow(this.#store, move);
-        if (kind === "turn" && this.#store.tool) return;
-        this.#place({ zoom: this.#placing.zoom, ...pan(view(), this.#shown, move, this.#size) });
+        if (kind === "window") return dragTheWindow(this.store, move);
+        if (kind === "turn" && this.store.tool) return;
+        this.place({ zoom: this.placing.zoom, ...pan(view(), this.shown, move, this.size) });
       },
-      pinch: (fingers) => this.#place(pinch(view(), this.#shown, fingers, this.#size)),
+      pinch: (fingers) => this.place(pinch(view(), this.shown, fingers, this.size)),
       wheel: (pixels, notches, place, event) => {
         // A pinch on a touchpad comes as a wheel with the control key.
-        if (event.ctrlKey) this.#place(zoomAt(view(), this.#shown, wheelZoom(pixels * 2), place, this.#size));
+        if (event.ctrlKey) this.place(zoomAt(view(), this.shown, wheelZoom(pixels * 2), place, this.size));
         else if (notches !== 0) this.#turn(-notches, event.shiftKey);
       },
       pick: () => {
-        if (!this.#store.tool) this.#store.enlarge(this.name, true);
+        if (!this.store.tool) this.store.enlarge(this.name, true);
       },
       busy: () => {},
     });
-    this.#frame.addEventListener("pointermove", (event) => this.#hover(event));
-    this.#frame.addEventListener("pointerleave", () => this.#hover(null));
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       const steps = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[event.key];

@@ -38,9 +38,9 @@ const MOST_SLICE_PIXELS = 1600;
 export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
 
 class Cortex implements Surface {
-  #host: HTMLElement;
+  readonly #host: HTMLElement;
   readonly #case: ReadyCase;
-  #options: SurfaceOptions;
+  readonly #options: SurfaceOptions;
   readonly #canvas = h("canvas", { class: "cortex" });
   readonly #times = h("output", { class: "frame-times", hidden: true });
   readonly #resized = new ResizeObserver(() => this.#schedule());
@@ -231,17 +231,6 @@ class Cortex implements Surface {
   showTimer(shown: boolean): void {
     this.#times.hidden = !shown;
     this.#showTimes();
-  }
-
-  adopt(host: HTMLElement, options: SurfaceOptions): void {
-    this.#standIn.leave();
-    [this.#host, this.#options] = [host, options];
-    host.append(this.#canvas, this.#times);
-    this.#resized.disconnect();
-    this.#resized.observe(host);
-    this.#told = "";
-    this.#say("");
-    this.#schedule();
   }
 
   dispose(): void {

@@ -7,7 +7,7 @@ import { number, t } from "../base/i18n.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { depthWords } from "../base/readout.ts";
-import { towardsViewer } from "../model/camera.ts";
+import { LETTERS, towardsViewer } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { panMap, wheelZoom, zoomMap } from "../model/controls.ts";
 import {
@@ -72,13 +72,6 @@ const ARROWS: Readonly<Record<string, Vec2>> = {
   ArrowUp: [0, -ARROW_PIXELS],
   ArrowDown: [0, ARROW_PIXELS],
 };
-
-/** The letters of the patient along and against L, P and S. */
-const LETTERS = [
-  ["L", "R"],
-  ["P", "A"],
-  ["S", "I"],
-] as const;
 
 function letterOf(direction: Vec3): string {
   const sizes = direction.map(Math.abs);

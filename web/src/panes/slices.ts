@@ -1,13 +1,10 @@
 // One slice with the outline of the cut, its cursor and its control.
 
-import type { ReadyCase } from "../model/case.ts";
-import { caseIdentity } from "../base/case-words.ts";
-import { h, iconButton, setText, setValue } from "../base/dom.ts";
+import { h, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
+import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
-import { MapBar } from "./map-bar.ts";
-import { Overlay, overlayWords, titleWords } from "./overlay.ts";
+import { overlayWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
@@ -16,7 +13,6 @@ import { type Marked, sliceMarks } from "../model/marks.ts";
 import {
   CENTRED,
   followedSlice,
-  type Placing,
   type SliceView,
   isFlipped,
   laid,
@@ -43,7 +39,8 @@ import {
   type Zoomed,
   dragTheWindow,
 } from "./slice-parts.ts";
-import { edgesWords, imageWords, isBesideAnother } from "./slice-words.ts";
+import { PlanePane } from "./plane-pane.ts";
+import { edgesWords, imageWords } from "./slice-words.ts";
 import { Trace } from "./trace.ts";
 
 /** The server's colours of outlines, in their order. */
@@ -57,90 +54,38 @@ interface Seen {
   readonly view: SliceView;
 }
 
-export class SlicePane {
-  readonly element: HTMLElement;
+export class SlicePane extends PlanePane {
   readonly plane: Plane;
-  /** Distinguishes it from all other slices that are shown. */
-  readonly name: string;
-  readonly #shown: ReadyCase;
-  readonly #store: Store;
-  readonly #zoomed: Zoomed;
-  readonly #overlay: Overlay;
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
-  readonly #image = h("div", { class: "slice-image" });
-  /** The picture and what stands on it; its name and its slider lie below. */
-  readonly #frame = h("div", { class: "slice-view" }, this.#image);
-  readonly #hovered = h("span", { class: "hovered", hidden: true });
-  readonly #mapBar = new MapBar();
   readonly #legend = h("div", { class: "outlines", hidden: true });
   /** Of the close-up. */
   readonly #role: SliceRole | null;
-  /** How it lies at first. */
-  readonly #home: Placing;
   #layer: SliceLayer | null = null;
   readonly #trace = new Trace((place) => this.#turn(place));
   #across: AcrossPlane | null = null;
-  readonly #range: HTMLInputElement;
-  readonly #words: HTMLElement;
-  #state: ViewState | null = null;
-  #placing: Placing;
   /** The mark that the slice was brought to, or that was put here by a hand. */
   #followed: Vec3 | null = null;
   /** What the picture that is up shows. */
   #drawn: Seen | null = null;
-  #outlined = true;
-  #marked: readonly Marked[] = [];
   /** The marks that are drawn, and where. */
   #laid: { readonly marked: readonly Marked[]; readonly where: string } | null = null;
-  #pointer: Vec2 | null = null;
 
   constructor(plane: Plane, store: Store, zoomed: Zoomed, role: SliceRole | null = null) {
-    const { shown } = store;
-    this.#role = role;
-    this.name = role ? `${plane}-${role.name}` : plane;
-    this.#home = { ...CENTRED, zoom: role?.zoom ?? CENTRED.zoom };
-    this.#placing = this.#home;
-    this.plane = plane;
-    this.#shown = shown;
-    this.#store = store;
-    this.#zoomed = zoomed;
-    const label = t(`plane.${plane}`);
-    this.element = h(
-      "section",
-      {
-        class: `pane slice ${plane} blank`,
-        role: "group",
-        tabindex: 0,
-        "aria-label": t("slice.label", { plane: label }),
-      },
-      this.#frame,
-    );
-    this.#overlay = new Overlay(this.#frame);
-    this.#overlay.element.append(this.#trace.element, this.#legend, this.#mapBar.element, this.#hovered);
-    const [min, max] = reachOf(shown, PLANES[plane].axis);
-    this.#range = h("input", {
-      type: "range",
-      class: "slice-range",
-      min,
-      max,
-      step: 0.5,
-      "aria-label": t("slice.position", { plane: label }),
-      input: () => this.#goTo(this.#range.valueAsNumber),
+    const words = t(`plane.${plane}`);
+    const [min, max] = reachOf(store.shown, PLANES[plane].axis);
+    super(store, zoomed, {
+      name: role ? `${plane}-${role.name}` : plane,
+      classes: role ? `${plane} ${role.name}` : plane,
+      label: t("slice.label", { plane: words }),
+      plane: words,
+      zoom: role?.zoom ?? CENTRED.zoom,
+      range: { min, max, step: 0.5, "aria-label": t("slice.position", { plane: words }) },
     });
-    if (role) this.element.classList.add(role.name);
-    this.#words = h("p", { id: `slice-${this.name}-words`, class: "visually-hidden" });
-    this.element.setAttribute("aria-describedby", this.#words.id);
-    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => store.enlarge(this.name));
-    this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge), this.#words);
-    if (isBesideAnother()) this.#overlay.identity(caseIdentity(shown));
+    this.plane = plane;
+    this.#role = role;
+    this.mapBar.element.before(this.#trace.element, this.#legend);
     this.#picture = new FollowingPicture<Seen, HTMLElement>(
-      {
-        put: (image, { state, view }) => this.#put(image, state, view),
-        complain: (problem) => {
-          this.element.classList.toggle("troubled", problem !== null);
-          store.complain(problem);
-        },
-      },
+      { put: (image, seen) => this.#put(image, seen), complain: (problem) => this.complain(problem) },
       (wish) => this.#load(wish),
     );
     this.#listen();
@@ -148,18 +93,18 @@ export class SlicePane {
 
   /** Shows the slice through the state's cross, else through the middle of the head. */
   show(state: ViewState): void {
-    this.#state = state;
+    this.state = state;
     this.#follow(state.crosshair_mm);
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS));
     // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
     const { moved } = state.layer ?? state.overlay ?? {};
-    const own = [state.swipe?.share, state.has_edges, moved, this.#store.surface?.canSlice(state) ?? false];
+    const own = [state.swipe?.share, state.has_edges, moved, this.store.surface?.canSlice(state) ?? false];
     // The convention and the cross are the page's own: they need no other picture.
     if (this.#picture.show(`${path}#${own.join()}`, { state, view })) this.#drawn = { state, view };
-    setValue(this.#range, view.position_mm);
-    this.#write();
-    if (this.#pointer) this.#sayHovered();
+    setValue(this.range, view.position_mm);
+    this.write();
+    this.sayHovered();
   }
 
   /** The slice drawn by the page if it can, else by the server. */
@@ -176,7 +121,7 @@ export class SlicePane {
   }
 
   async #draw(state: ViewState, view: SliceView): Promise<HTMLCanvasElement | null> {
-    const drawn = await this.#store.surface?.slice(state, view, this.#outlined ? outlinesOf(state) : []);
+    const drawn = await this.store.surface?.slice(state, view, this.outlined ? outlinesOf(state) : []);
     if (!drawn) return null;
     const { width, height } = drawn;
     const canvas = h("canvas", { width, height, role: "img" });
@@ -186,7 +131,7 @@ export class SlicePane {
 
   /** The slice as it lies in its pane, with so many pixels to a CSS pixel, for a screenshot. */
   async placed(ratio: number): Promise<Placed | null> {
-    const state = this.#state;
+    const state = this.state;
     if (!state) return null;
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, ratio, MOST_SAVED_PIXELS));
@@ -194,67 +139,28 @@ export class SlicePane {
     const isOwn = this.element.dataset.edges || (state.layer ?? state.overlay)?.moved;
     const own = isOwn ? await this.#draw({ ...state, swipe: null }, view) : null;
     const picture = own ?? (await served({ path }));
-    return { element: this.#frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
+    return { element: this.frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
   }
 
   /** Where the picture of a slice of so many pixels is. */
   #path(state: ViewState, size: Vec2): string {
-    const query = sliceQuery(state, this.plane, this.#center(state), size);
-    if (!this.#outlined) query.delete("depth_mm");
-    const { zoom, pan_mm } = this.#placing;
-    if (zoom !== 1) query.set("zoom", zoom.toFixed(4));
-    if (pan_mm.some((part) => part !== 0)) query.set("pan", pan_mm.map((part) => part.toFixed(2)).join(","));
-    return `${this.#shown.id}/slices/${this.plane}?${query}`;
-  }
-
-  get zoom(): number {
-    return this.#placing.zoom;
-  }
-
-  get isLarge(): boolean {
-    return this.element.classList.contains("large");
-  }
-
-  /** Whether the slice is as large as all panes; then it names the case itself. */
-  enlarge(isLarge: boolean): void {
-    if (isLarge === this.isLarge) return;
-    this.element.classList.toggle("large", isLarge);
-    // So that Escape is its own.
-    if (isLarge) this.element.focus();
-    this.#overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.#shown) : "");
+    return this.path(this.plane, sliceQuery(state, this.plane, this.#center(state), size));
   }
 
   /** The whole slice in the middle again. */
   center(): void {
-    const state = this.#state;
+    const state = this.state;
     const mark = this.#role && state?.crosshair_mm;
-    if (!state || !mark || this.#frame.clientWidth === 0) return this.#setPlacing(this.#home);
-    this.#setPlacing(followedSlice({ ...this.#view(state), placing: this.#home }, this.#shown, mark));
+    if (!state || !mark || this.frame.clientWidth === 0) return this.setPlacing(this.home);
+    this.setPlacing(followedSlice({ ...this.#view(state), placing: this.home }, this.shown, mark));
   }
 
   /** Lays something over the slice, below what is written on it; null: nothing. */
   lay(layer: SliceLayer | null): void {
     this.#layer?.element.remove();
     this.#layer = layer;
-    if (layer) this.#overlay.element.prepend(layer.element);
-    if (this.#state) this.show(this.#state);
-  }
-
-  /** Shows the marks that lie in the slice. */
-  mark(marked: readonly Marked[]): void {
-    this.#marked = marked;
-    this.#write();
-  }
-
-  /** Whether the outlines are drawn. */
-  outline(shown: boolean): void {
-    this.#outlined = shown;
-    if (this.#state) this.show(this.#state);
-  }
-
-  /** Describes the slice for screen readers. */
-  describe(words: string): void {
-    setText(this.#words, `${this.#range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
+    if (layer) this.overlay.element.prepend(layer.element);
+    if (this.state) this.show(this.state);
   }
 
   dispose(): void {
@@ -262,38 +168,36 @@ export class SlicePane {
   }
 
   #center(state: ViewState): Vec3 {
-    return state.crosshair_mm ?? this.#shown.envelope_sphere.center_in_patient;
+    return state.crosshair_mm ?? this.shown.envelope_sphere.center_in_patient;
   }
 
   #view(state: ViewState): SliceView {
-    const size: Vec2 = [this.#frame.clientWidth, this.#frame.clientHeight];
     return {
       plane: this.plane,
       convention: state.convention,
       position_mm: this.#center(state)[PLANES[this.plane].axis],
-      size,
-      placing: this.#placing,
+      size: this.size,
+      placing: this.placing,
     };
   }
 
-  #put(image: HTMLElement, state: ViewState, view: SliceView): void {
-    this.#image.replaceChildren(image);
-    this.element.classList.remove("blank");
-    this.#drawn = { state, view };
+  #put(image: HTMLElement, seen: Seen): void {
+    const { state, view } = seen;
+    this.#drawn = seen;
     const isOwn = image instanceof HTMLCanvasElement;
     const edges = isOwn && edgesLayer(state);
-    Object.assign(this.element.dataset, {
+    this.put(image, {
       way: isOwn ? "page" : "server",
       position: view.position_mm,
       depth: state.depth_mm,
       overlay: state.overlay?.name ?? "",
       layer: state.layer?.id ?? "",
       edges: edges ? edges.name : "",
-      moved: (state.layer ?? state.overlay)?.moved ?? "",
+      moved: String((state.layer ?? state.overlay)?.moved ?? ""),
     });
-    this.#mapBar.show(edges ? null : state.overlay);
-    this.#overlay.divide(isOwn ? state.swipe : null);
-    this.#write();
+    this.mapBar.show(edges ? null : state.overlay);
+    this.overlay.divide(isOwn ? state.swipe : null);
+    this.write();
   }
 
   /** What is seen: the plane of the picture that is up, as the pane lies now. */
@@ -306,39 +210,39 @@ export class SlicePane {
   }
 
   /** Words, marks and the cross are of the picture that is up: the one of another state may come later. */
-  #write(): void {
-    if (!this.#state) return;
-    const sphere = this.#shown.envelope_sphere;
-    const { state, view } = this.#seen(this.#state);
+  protected write(): void {
+    if (!this.state) return;
+    const sphere = this.shown.envelope_sphere;
+    const { state, view } = this.#seen(this.state);
     const drawn = this.#drawn;
     if (drawn) this.#lay(drawn.view, view);
-    this.#image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
-    this.#overlay.letter(sliceEdges(this.plane, state.convention));
+    this.image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
+    this.overlay.letter(sliceEdges(this.plane, state.convention));
     const { position_mm } = view;
     const marked = state.crosshair_mm;
     const place = `${coordinate(position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
     const layer = this.#role ? state.layer?.about?.title : state.layer && titleWords(state.layer.about);
     const own = this.#role && !this.#role.isLayer ? t("value.own") : "";
-    const image = layer && !edges ? layer : own || imageWords(this.#shown, this.plane, this.#center(state));
+    const image = layer && !edges ? layer : own || imageWords(this.shown, this.plane, this.#center(state));
     const over = this.#role?.isLayer && state.overlay && !edges ? overlayWords(state.overlay) : "";
     const convention = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
     const badge = this.#role ? this.#role.words(this.#center(state)) : convention;
     const more = [image, over, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");
     // Two lines, so that the picture keeps its size.
-    this.#overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
-    this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
+    this.overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
+    this.overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
     const twin = this.#twin(state, view, marked);
     const words = twin ? t("mark.marked") : "";
     const cross = marked && slicePixel(view, sphere, marked);
     const kind = this.#role?.isOpposite ? "ghost" : "mark";
-    this.#overlay.cursor(cross, view.size, { kind, words, place_mm: state.place_mm ?? 0 });
-    this.#overlay.twin(twin, view.size);
+    this.overlay.cursor(cross, view.size, { kind, words, place_mm: state.place_mm ?? 0 });
+    this.overlay.twin(twin, view.size);
     this.#showMarks(view);
     this.#showTrace(view);
-    this.#layer?.show(view, sphere, this.#outlined);
+    this.#layer?.show(view, sphere, this.outlined);
     this.#explain(state);
-    this.#range.setAttribute("aria-valuetext", `${place} ${more}`);
+    this.range.setAttribute("aria-valuetext", `${place} ${more}`);
     if (!this.#role) return;
     const label = t("slice.label", { plane: t(`plane.${this.plane}`) });
     this.element.setAttribute("aria-label", [label, badge, more].filter(Boolean).join(", "));
@@ -347,28 +251,28 @@ export class SlicePane {
   /** The marks in the slice: a turn of the head leaves them as they are. */
   #showMarks(view: SliceView): void {
     const where = JSON.stringify([view, devicePixelRatio]);
-    if (this.#laid?.marked === this.#marked && this.#laid.where === where) return;
-    this.#laid = { marked: this.#marked, where };
+    if (this.#laid?.marked === this.marked && this.#laid.where === where) return;
+    this.#laid = { marked: this.marked, where };
     const { axis } = PLANES[this.plane];
     const away = (point: Vec3): number => point[axis] - view.position_mm;
-    const placeOf = (point: Vec3): Vec2 => slicePixel(view, this.#shown.envelope_sphere, point);
-    this.#overlay.marks(sliceMarks(this.#marked, away, placeOf), view.size);
+    const placeOf = (point: Vec3): Vec2 => slicePixel(view, this.shown.envelope_sphere, point);
+    this.overlay.marks(sliceMarks(this.marked, away, placeOf), view.size);
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
   #twin(state: ViewState, view: SliceView, marked: Vec3 | null): Vec2 | null {
     if (!marked || !isMirrored(state) || this.plane === "sagittal") return null;
-    return slicePixel(view, this.#shown.envelope_sphere, reflected(marked, mirrorPlane(this.#shown)));
+    return slicePixel(view, this.shown.envelope_sphere, reflected(marked, mirrorPlane(this.shown)));
   }
 
   /** Shows how the slice across the sulcus crosses this one; null: it does not. */
   trace(plane: AcrossPlane | null): void {
     this.#across = plane;
-    if (this.#state) this.#showTrace(this.#seen(this.#state).view);
+    if (this.state) this.#showTrace(this.#seen(this.state).view);
   }
 
   #showTrace(view: SliceView): void {
-    const [plane, sphere] = [this.#across, this.#shown.envelope_sphere];
+    const [plane, sphere] = [this.#across, this.shown.envelope_sphere];
     const along = plane && traceOf(plane, PLANES[this.plane].axis);
     if (!along) return this.#trace.show(null, null, view.size);
     const [here, there] = [plane.mark, add(plane.mark, along)].map((point) => slicePixel(view, sphere, point));
@@ -377,50 +281,50 @@ export class SlicePane {
 
   /** The handle of the trace is dragged to a place: the plane holds it then. */
   #turn(place: Vec2): void {
-    const [plane, state] = [this.#across, this.#state];
+    const [plane, state] = [this.#across, this.state];
     if (!plane || !state) return;
-    const position = slicePosition(this.#seen(state).view, this.#shown.envelope_sphere, place);
+    const position = slicePosition(this.#seen(state).view, this.shown.envelope_sphere, place);
     const turn_deg = turnTo(plane, subtract(position, plane.mark));
-    if (turn_deg !== null) this.#store.view.change({ across_deg: turn_deg });
+    if (turn_deg !== null) this.store.view.change({ across_deg: turn_deg });
   }
 
   /** Lists the depths of the outlines with their colours, if there are several. */
   #explain(state: ViewState): void {
     const depths = outlinesOf(state);
-    this.#legend.hidden = depths.length < 2 || !this.#outlined;
+    this.#legend.hidden = depths.length < 2 || !this.outlined;
     const words = depths.map((depth) => `${number(depth, depth % 1 === 0 ? 0 : 1)} mm`);
     this.#legend.replaceChildren(
       ...words.map((text, at) => h("span", { class: `outline-${at % OUTLINE_COLOURS}` }, text)),
     );
   }
 
-  #goTo(position_mm: number): void {
-    if (!this.#state) return;
-    const position = this.#center(this.#state).map((value, axis) =>
+  protected slide(position_mm: number): void {
+    if (!this.state) return;
+    const position = this.#center(this.state).map((value, axis) =>
       axis === PLANES[this.plane].axis ? position_mm : value,
     );
-    this.#followed = withinReach(this.#shown, position as unknown as Vec3);
+    this.#followed = withinReach(this.shown, position as unknown as Vec3);
     if (this.#role) this.#role.scroll(this.#followed);
-    else this.#store.moveCross(this.#followed, false);
+    else this.store.moveCross(this.#followed, false);
   }
 
   /** A hand puts the mark here: the slice stays as it lies. */
   #move(position: Vec3, done: boolean): void {
     this.#followed = position;
     if (this.#role) this.#role.move(position, done);
-    else this.#store.moveCross(position, done);
+    else this.store.moveCross(position, done);
   }
 
   #step(steps: number): void {
-    if (this.#state) this.#goTo(this.#center(this.#state)[PLANES[this.plane].axis] + steps * STEP_MM);
+    if (this.state) this.slide(this.#center(this.state)[PLANES[this.plane].axis] + steps * STEP_MM);
   }
 
   /** Until the picture of another placing comes, the one that is up is laid as it will be. */
   #lay(drawn: SliceView, wanted: SliceView): void {
-    const { scale, move } = laid(drawn, wanted, this.#shown.envelope_sphere);
+    const { scale, move } = laid(drawn, wanted, this.shown.envelope_sphere);
     const [width, height] = drawn.size;
     // The picture keeps its own size and shape, about the pane's middle.
-    Object.assign(this.#image.style, {
+    Object.assign(this.image.style, {
       inset: "auto",
       left: `${(wanted.size[0] - width) / 2}px`,
       top: `${(wanted.size[1] - height) / 2}px`,
@@ -432,59 +336,29 @@ export class SlicePane {
 
   /** A mark that was put elsewhere is brought into the middle. */
   #follow(mark: Vec3 | null): void {
-    if (mark === this.#followed || !this.#state || this.#frame.clientWidth === 0) return;
+    if (mark === this.#followed || !this.state || this.frame.clientWidth === 0) return;
     this.#followed = mark;
-    if (mark) this.#placing = followedSlice(this.#view(this.#state), this.#shown, mark);
+    if (mark) this.placing = followedSlice(this.#view(this.state), this.shown, mark);
   }
 
   /** Enlarges the slice as another one was: about the mark if there is one, else about its middle. */
   zoomTo(zoom: number): void {
-    if (zoom === this.#placing.zoom) return;
-    if (!this.#state) {
-      this.#placing = { ...this.#placing, zoom };
+    if (zoom === this.placing.zoom) return;
+    if (!this.state) {
+      this.placing = { ...this.placing, zoom };
       return;
     }
-    const view = this.#view(this.#state);
+    const view = this.#view(this.state);
     const middle: Vec2 = [view.size[0] / 2, view.size[1] / 2];
-    const { crosshair_mm } = this.#state;
-    const about = crosshair_mm ? slicePixel(view, this.#shown.envelope_sphere, crosshair_mm) : middle;
-    const placing = zoomedSlice(view, this.#shown, zoom / this.#placing.zoom, about);
-    this.#setPlacing(crosshair_mm ? followedSlice({ ...view, placing }, this.#shown, crosshair_mm) : placing);
+    const { crosshair_mm } = this.state;
+    const about = crosshair_mm ? slicePixel(view, this.shown.envelope_sphere, crosshair_mm) : middle;
+    const placing = zoomedSlice(view, this.shown, zoom / this.placing.zoom, about);
+    this.setPlacing(crosshair_mm ? followedSlice({ ...view, placing }, this.shown, crosshair_mm) : placing);
   }
 
-  /** The hand has placed the slice: the others may have the same scale. */
-  #place(placing: Placing): void {
-    const isZoomed = placing.zoom !== this.#placing.zoom;
-    this.#setPlacing(placing);
-    if (isZoomed) this.#zoomed(this.name, placing.zoom);
-  }
-
-  #setPlacing(placing: Placing): void {
-    this.#placing = placing;
-    if (this.#state) this.show(this.#state);
-  }
-
-  #positionAt(at: Vec2): Vec3 | null {
-    if (!this.#state) return null;
-    return withinReach(this.#shown, slicePosition(this.#seen(this.#state).view, this.#shown.envelope_sphere, at));
-  }
-
-  #hover(event: PointerEvent | null): void {
-    const box = this.#frame.getBoundingClientRect();
-    this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
-    this.#store.tool?.hover(this.#pointer && this.#positionAt(this.#pointer));
-    this.#sayHovered();
-  }
-
-  /** Position, depth and intensity under the pointer, also if the slice moves below it. */
-  #sayHovered(): void {
-    const position = this.#pointer && this.#positionAt(this.#pointer);
-    this.#hovered.hidden = !position;
-    if (!position) return;
-    const probed = this.#store.surface?.probe(position);
-    const depth = depthAtWords(probed?.depth_mm);
-    const values = this.#store.point.valuesAt(position);
-    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
+  protected positionAt(at: Vec2): Vec3 | null {
+    if (!this.state) return null;
+    return withinReach(this.shown, slicePosition(this.#seen(this.state).view, this.shown.envelope_sphere, at));
   }
 
   #listen(): void {
@@ -493,25 +367,25 @@ export class SlicePane {
     let marked: Vec3 | null = null;
     // A hand that leaves the head leaves the cross where it was last.
     const cross = (place: Vec2, done: boolean): void => {
-      const position = this.#positionAt(place);
-      if (position && this.#store.surface?.isInHead(position)) marked = position;
+      const position = this.positionAt(place);
+      if (position && this.store.surface?.isInHead(position)) marked = position;
       if (marked) this.#move(marked, done);
-      else if (done) this.#store.miss(t("point.beside"));
+      else if (done) this.store.miss(t("point.beside"));
     };
     /** Points are set where a mouse comes down, and where it or a finger leaves after a drag: fingers also scroll. */
     const set = (place: Vec2): boolean => {
-      const tool = this.#store.tool;
-      const position = tool && this.#positionAt(place);
+      const tool = this.store.tool;
+      const position = tool && this.positionAt(place);
       if (position) tool.add(position, "slice");
       return tool !== null;
     };
     let pressed: Vec2 = [0, 0];
     let pulled: Vec2 | null = null;
-    listen(this.#frame, {
+    listen(this.frame, {
       press: (kind, place, isFinger) => {
         pressed = place;
         pulled = null;
-        if (kind === "turn" && this.#store.tool) {
+        if (kind === "turn" && this.store.tool) {
           if (isFinger) pulled = place;
           else set(place);
           return;
@@ -523,16 +397,16 @@ export class SlicePane {
       },
       cancel: () => (at = pulled = null),
       drag: (kind, move, place) => {
-        if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.#store, move);
+        if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.store, move);
         if (kind === "pan") {
-          if (this.#state) this.#place(movedSlice(this.#view(this.#state), this.#shown, move));
+          if (this.state) this.place(movedSlice(this.#view(this.state), this.shown, move));
           return;
         }
-        const tool = this.#store.tool;
+        const tool = this.store.tool;
         if (tool) {
           // A hand that clicks may tremble.
           if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
-          return tool.hover(this.#positionAt(place));
+          return tool.hover(this.positionAt(place));
         }
         at = place;
         // A finger that goes up or down may be taken away to scroll the page.
@@ -541,19 +415,19 @@ export class SlicePane {
       },
       pinch: (fingers) => {
         at = pulled = null;
-        if (this.#state) this.#place(pinchedSlice(this.#view(this.#state), this.#shown, fingers));
+        if (this.state) this.place(pinchedSlice(this.#view(this.state), this.shown, fingers));
       },
       wheel: (pixels, notches, place, event) => {
         // A pinch on a touchpad comes as a wheel with the control key.
-        if (event.ctrlKey && this.#state) {
-          this.#place(zoomedSlice(this.#view(this.#state), this.#shown, wheelZoom(pixels * 2), place));
+        if (event.ctrlKey && this.state) {
+          this.place(zoomedSlice(this.#view(this.state), this.shown, wheelZoom(pixels * 2), place));
         } else if (!event.ctrlKey && notches !== 0) {
           // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
           this.#step(-notches);
         }
       },
       pick: () => {
-        if (!this.#store.tool) this.#store.enlarge(this.name, true);
+        if (!this.store.tool) this.store.enlarge(this.name, true);
       },
       busy: (busy) => {
         if (!busy && pulled) set(pulled);
@@ -565,19 +439,17 @@ export class SlicePane {
         at = marked = null;
       },
     });
-    this.#frame.addEventListener("pointermove", (event) => this.#hover(event));
-    this.#frame.addEventListener("pointerleave", () => this.#hover(null));
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
-      const tool = this.#store.tool;
-      if (event.key === "Enter" && tool && this.#state) {
-        tool.add(this.#center(this.#state), "slice");
+      const tool = this.store.tool;
+      if (event.key === "Enter" && tool && this.state) {
+        tool.add(this.#center(this.state), "slice");
         event.preventDefault();
         return;
       }
       if (event.key === "Home") {
         this.center();
-        this.#zoomed(this.name, this.#placing.zoom);
+        this.zoomed(this.name, this.placing.zoom);
         event.preventDefault();
         return;
       }

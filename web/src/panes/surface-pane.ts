@@ -58,8 +58,7 @@ export class SurfacePane {
   #laid: readonly unknown[] = [];
   #ghost: Vec2 | null = null;
 
-  /** `kept` draws the case already. */
-  constructor(store: Store, serverOnly: boolean, kept: Surface | null) {
+  constructor(store: Store, serverOnly: boolean) {
     const { shown } = store;
     this.#shown = shown;
     this.#store = store;
@@ -95,8 +94,7 @@ export class SurfacePane {
       noPart: (problem) => leavePart(store, problem),
       serverOnly,
     };
-    this.surface = kept ?? createSurface(this.host, shown, options);
-    kept?.adopt(this.host, options);
+    this.surface = createSurface(this.host, shown, options);
     store.paneSize = () => this.#whole;
     store.meet(this.surface);
     effect(() => void this.element.classList.toggle("large", store.large.value === "surface"));

@@ -3,6 +3,7 @@
 import { t } from "../base/i18n.ts";
 import { DEEP_MM, broughtInside, broughtTo, innerSideOf } from "../model/commands.ts";
 import type { Change } from "../model/controls.ts";
+import { findingOfPlace } from "../model/findings.ts";
 import { type Candidate, type ListingMap, firstOverlay } from "../model/maps.ts";
 import { distance_mm, mirrorPlane } from "../model/midsagittal.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -46,8 +47,8 @@ export function bring(store: Store, position: Vec3, depth_mm: number | null, wan
 }
 
 /**
- * Shows in a close-up of a listed place, if no layer is chosen, beside the case itself that for which the place was listed: the
- * FLAIR, or the map of thickness. Blur is judged by the case itself. When the close-up is left, so is this.
+ * Shows in a close-up of a finding, or of a listed place, if no layer is chosen, beside the case itself that for which the place
+ * was listed: the FLAIR, or the map of thickness. Blur is judged by the case itself. When the close-up is left, so is this.
  */
 export function showEvidence(store: Store): void {
   const { layer, overlay, window } = store.view.now;
@@ -57,12 +58,14 @@ export function showEvidence(store: Store): void {
   store.view.change(evidence);
 }
 
-function evidenceOf({ layers, places, caseLayers }: Store): Change | null {
-  const isOpen = (map: ListingMap): boolean =>
-    places.lists.some((list) => list.map === map && list.open.peek() !== null);
-  const flair = isOpen("flair") ? caseLayers.ready("flair")?.of_layer : undefined;
+function evidenceOf({ layers, places, caseLayers, findings, view }: Store): Change | null {
+  const { crosshair_mm: mark } = view.now;
+  const finding = mark && findingOfPlace(findings.list.peek(), mark);
+  const isOf = (map: ListingMap): boolean =>
+    finding ? finding.from_map === map : places.lists.some((list) => list.map === map && list.open.peek() !== null);
+  const flair = isOf("flair") ? caseLayers.ready("flair")?.of_layer : undefined;
   if (flair) return layers.asGrey(flair);
-  return isOpen("thickness") && caseLayers.ready("thickness") ? { overlay: firstOverlay("thickness") } : null;
+  return isOf("thickness") && caseLayers.ready("thickness") ? { overlay: firstOverlay("thickness") } : null;
 }
 
 /** Brings a place of a list to the viewer. */

@@ -63,6 +63,11 @@ export class FindingsSync {
     if (!this.isKept) this.#sendIn(0);
   }
 
+  /** Reads what others have changed; what is changed here is joined with that when it is sent. */
+  async look(): Promise<void> {
+    if (this.isKept && this.#stored.tag !== "") await this.#inTurn(() => this.#read());
+  }
+
   /** Shows a changed list at once, and sends it when the hand rests. */
   change(list: readonly Finding[]): void {
     this.list.value = list;
@@ -166,7 +171,10 @@ export class FindingsSync {
   }
 
   async #read(): Promise<void> {
-    this.#take(await readAnswer(await send(this.#address, { cache: "no-cache" })));
+    const answer = await send(this.#address, { cache: "no-cache" });
+    // Nobody has changed anything.
+    if (this.#stored.tag !== "" && tagOf(answer) === this.#stored.tag) return;
+    this.#take(await readAnswer(answer));
   }
 
   async #put(body: string | Blob, type: string): Promise<Stored> {
@@ -200,8 +208,10 @@ const isFinal = (problem: unknown): boolean =>
   !isConflict(problem) &&
   ![401, 408, 409, 429].includes(problem.status);
 
+/** The version of an answer. A proxy that compresses makes a weak tag of a strong one, which names no version any more. */
+const tagOf = (answer: Response): string => (answer.headers.get("etag") ?? "").replace(/^W\//, "");
+
 async function readAnswer(answer: Response): Promise<Stored> {
   const { findings } = (await answer.json()) as { readonly findings: readonly Finding[] };
-  // A proxy that compresses makes a weak tag of a strong one, which names no version any more.
-  return { list: findings, tag: (answer.headers.get("etag") ?? "").replace(/^W\//, "") };
+  return { list: findings, tag: tagOf(answer) };
 }

@@ -43,6 +43,8 @@ export type Judgement = "kept" | "dismissed";
 /** What the server has not got yet of cases that were left, by case: it is sent again and again, and shown again. */
 const UNSENT = new Map<string, FindingsSync>();
 
+/** How often what others have changed is asked for while the page is looked at, in ms. */
+const LOOK_MS = 5000;
 /** So long ways through findings are walked at once, in ms. */
 const WALK_MS = 8;
 /** They are not walked until the picture has been the same for so long, in ms. */
@@ -78,6 +80,7 @@ export class Findings {
   /** Whether what is stored could not be read, which is said. */
   #isUnread = false;
   readonly #ends: readonly (() => void)[];
+  readonly #looking: number;
 
   constructor(view: View, depths: ReadonlySignal<Depths | null>, depthAt: (position: Vec3) => number | null) {
     this.#view = view;
@@ -98,6 +101,9 @@ export class Findings {
     ];
     addEventListener("beforeunload", this.#leave);
     document.addEventListener("visibilitychange", this.#turn);
+    this.#looking = window.setInterval(() => {
+      if (!document.hidden) this.sync.look().catch(() => {});
+    }, LOOK_MS);
   }
 
   /** Reads what is stored. */
@@ -114,6 +120,7 @@ export class Findings {
 
   dispose(): void {
     clearTimeout(this.#walking);
+    clearInterval(this.#looking);
     for (const end of this.#ends) end();
     const { id } = this.#view.shown;
     UNSENT.set(id, this.sync);

@@ -48,6 +48,10 @@ export class Store {
   readonly trouble = signal("");
   /** Something about the case to know, which can be dismissed. */
   readonly remark = signal("");
+  /** Whose head it is; empty: nobody may know, or it is not known yet. */
+  readonly patient = signal("");
+  /** The nodes of a PACS to which results can be sent. */
+  readonly nodes = signal<readonly string[]>([]);
   /** Why only the whole brain has a surface; empty: its parts have, too. */
   readonly refusal = signal("");
   /** Whose sections the panel shows. */

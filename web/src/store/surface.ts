@@ -97,8 +97,6 @@ export interface Surface {
   picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
   /** Whether the frame timer stands on the picture. */
   showTimer(shown: boolean): void;
-  /** Fills another host, with all that is here: the page around it was built again. */
-  adopt(host: HTMLElement, options: SurfaceOptions): void;
   /** The voxels of a layer are others now. */
   forgetLayer(name: string): void;
   dispose(): void;

@@ -1,0 +1,230 @@
+// What the page does around the chosen case: which one is shown, how another one is, and who looks.
+
+import { effect, signal, untracked } from "@preact/signals";
+
+import { anyArrivals, deleteCase, getCase, getHolder, handOver } from "../base/api.ts";
+import { caseIdentity } from "../base/case-words.ts";
+import { spoken, t } from "../base/i18n.ts";
+import { leaveChoice, takeLaunch } from "../base/launched.ts";
+import { problemWords } from "../base/problem-words.ts";
+import type { Case } from "../model/case.ts";
+import { readAddress } from "../model/fragment.ts";
+import { commandOf, recallOf } from "../model/keys.ts";
+import { ViewMemory } from "../model/memory.ts";
+import { hasSlices } from "../model/state.ts";
+import { announce, announced } from "../store/announce.ts";
+import { Cases } from "../store/cases.ts";
+import { perform } from "../store/commands.ts";
+import { holder, mayWrite } from "../store/holder.ts";
+import { preferences } from "../store/preferences.ts";
+import { confirmDelete, helpDialog } from "./dialogs.tsx";
+import { Upload } from "./upload.tsx";
+import { Viewer } from "./viewer.tsx";
+
+/** Below this width the list lies over the picture, as in the style sheet. */
+const BESIDE_PIXELS = 700;
+const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
+
+export class App {
+  readonly cases = new Cases();
+  readonly upload = new Upload((one, wasThere) => this.made(one, wasThere));
+  /** The case of the address. */
+  readonly chosen = signal<Case | null>(null);
+  /** What shows it, if it is ready. */
+  readonly viewer = signal<Viewer | null>(null);
+  /** Why the case of the address cannot be shown; empty where it can. */
+  readonly absence = signal("");
+  /** Where the window is narrow, the picture comes first. */
+  readonly hasList = signal(window.innerWidth >= 1200);
+  readonly isSilent = signal(false);
+  /** Whether anything has come from a PACS. */
+  readonly hasArrivals = signal(false);
+  /** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
+  readonly launched = signal(takeLaunch());
+  /** How each case was left. */
+  readonly #memory = new ViewMemory();
+  #routed = 0;
+  /** Whether the next key may be the number of a saved layout. */
+  #awaitsNumber = false;
+
+  async start(): Promise<void> {
+    effect(() => {
+      // Whatever becomes of the cases, the one of the address may be there now, or another one.
+      void this.cases.all.value;
+      if (this.cases.isListed.value) untracked(() => void this.route());
+    });
+    effect(() => {
+      const { layout } = this.viewer.value?.store.view.state.value ?? {};
+      document.body.classList.toggle("viewing", layout !== undefined);
+      if (layout) Object.assign(document.body.dataset, { layout, slices: hasSlices({ layout }) });
+    });
+    effect(() => {
+      // The label that a user gave, never an identity out of DICOM: the browser's history keeps titles.
+      document.title = this.chosen.value ? `${caseIdentity(this.chosen.value)} · Isocortex` : "Isocortex";
+    });
+    effect(() => {
+      if (preferences.value.language !== spoken()) untracked(() => this.#beginAgain());
+    });
+    await this.cases.refresh();
+    document.body.dataset.loaded = "true";
+    // Where there is no room beside it, the area for files is in sight alone.
+    if (this.cases.all.peek().length === 0 && window.innerWidth >= BESIDE_PIXELS) {
+      this.hasList.value = true;
+      this.upload.isOpen.value = true;
+    }
+    // Of what was refused there is no case: its list is offered once anything has come.
+    effect(() => {
+      if (this.cases.all.value.length >= 0 && !this.hasArrivals.peek()) void this.#lookForArrivals();
+    });
+    // Whoever may not look at anything may not ask either.
+    if (parent === window) holder.value = await getHolder().catch(() => null);
+  }
+
+  async #lookForArrivals(): Promise<void> {
+    this.hasArrivals.value = await anyArrivals().catch(() => false);
+  }
+
+  /** Loads the page in another language; all that is shown is in the address. */
+  #beginAgain(): void {
+    const store = this.viewer.peek()?.store;
+    store?.sweep.stop();
+    store?.view.rest();
+    handOver();
+    location.reload();
+  }
+
+  chooseFiles(): void {
+    this.hasList.value = true;
+    this.upload.choose();
+  }
+
+  drop(files: readonly File[]): void {
+    if (!mayWrite.peek()) return;
+    this.hasList.value = true;
+    this.upload.drop(files);
+  }
+
+  /** A case was made, or was there. */
+  async made({ id }: Case, wasThere: boolean): Promise<void> {
+    this.cases.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
+    await this.cases.refresh();
+  }
+
+  /** The server has stopped answering, or answers again. */
+  reach(isReachable: boolean): void {
+    this.isSilent.value = !isReachable;
+    if (!isReachable) return;
+    void this.cases.refresh();
+    this.viewer.peek()?.again();
+  }
+
+  /** Leads back to the choice among the heads of a study. */
+  chooseHead(): void {
+    const from = this.launched.peek();
+    handOver();
+    if (from) leaveChoice(from);
+  }
+
+  /** Shows the case that the address names; without an address the only case there is. */
+  async route(): Promise<void> {
+    const turn = (this.#routed += 1);
+    const address = readAddress(location.hash);
+    const id = address.kind === "case" ? address.id : address.kind === "none" ? this.cases.only : null;
+    const all = this.cases.all.peek();
+    let absence = address.kind === "unknown" ? t("address.unknown") : "";
+    let chosen = all.find((one) => one.id === id) ?? null;
+    if (id && !chosen)
+      chosen = await getCase(id).catch((problem: unknown) => ((absence = problemWords(problem)), null));
+    // Another address may have come in the meantime.
+    if (turn !== this.#routed) return;
+    this.absence.value = absence;
+    this.cases.show(id);
+    // What was shown without being named keeps its place, whatever else is added.
+    if (chosen && address.kind === "none") history.replaceState(null, "", `#${chosen.id}`);
+    this.#show(chosen, address.kind === "case" ? address.rest : "");
+    // There is something to choose from.
+    if (!chosen && all.length > 0) this.hasList.value = true;
+  }
+
+  /** The address was changed by Back, or by hand. */
+  async addressChanged(): Promise<void> {
+    const before = this.viewer.peek();
+    await this.route();
+    const viewer = this.viewer.peek();
+    if (!before || !viewer) return;
+    const address = readAddress(location.hash);
+    const { shown, remark } = viewer.store;
+    if (viewer === before) {
+      if (address.kind === "case" && address.id === shown.id) viewer.restore(address.rest);
+      return;
+    }
+    // Back and Forward also lead to other patients.
+    if (shown.id === before.store.shown.id || shown.id === this.cases.chosen) return;
+    remark.value = t("address.other", { title: caseIdentity(shown) });
+    announce(remark.peek());
+  }
+
+  #show(chosen: Case | null, rest: string): void {
+    this.chosen.value = chosen;
+    const ready = chosen?.state === "ready" ? chosen : null;
+    const before = this.viewer.peek();
+    if (ready?.id === before?.store.shown.id) return;
+    if (before) this.#memory.keep(before.store.shown, before.store.view.left);
+    before?.dispose();
+    // What was said of the case before is not of this one.
+    announced.value = "";
+    this.viewer.value = ready && new Viewer(ready, { rest, left: this.#memory.of(ready), serverOnly });
+    // Where the list lies over the picture, it has been chosen from.
+    if (ready && window.innerWidth < BESIDE_PIXELS) this.hasList.value = false;
+  }
+
+  async remove(one: Case): Promise<void> {
+    if (!(await confirmDelete(t("delete.title"), t("delete.text", { title: caseIdentity(one) })))) return;
+    try {
+      await deleteCase(one.id);
+      this.#memory.forget(one.id);
+      if (this.chosen.peek()?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
+      this.cases.forget(one.id);
+      await this.cases.refresh();
+      announce(t("delete.done"));
+      // The button that had the focus is gone.
+      if (document.activeElement === document.body) document.getElementById("stage")?.focus();
+    } catch (problem) {
+      this.absence.value = problemWords(problem);
+    }
+  }
+
+  /** What a key did while it was held is over. */
+  release(): void {
+    const viewer = this.viewer.peek();
+    if (viewer) perform(viewer.store, { kind: "release" });
+  }
+
+  /** A key that is no one else's. */
+  key(event: KeyboardEvent): void {
+    // Dialogs are children of the body: looking through a thousand findings for one would take longer than a frame has.
+    const isCovered = [...document.body.children].some((one) => one.matches("dialog[open]"));
+    if (event.defaultPrevented || !(event.target instanceof HTMLElement) || isCovered) return;
+    const onPicture = event.target.closest(".pane.surface") !== null;
+    const hasModifier = event.ctrlKey || event.metaKey;
+    // Where text is typed, undoing is the text's.
+    const typed = "input:not([type=range], [type=checkbox]), textarea";
+    const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
+    if (!onPicture && (ofField || !(hasModifier || preferences.peek().shortcuts))) return;
+    const command = (this.#awaitsNumber && recallOf(event)) || commandOf(event);
+    // A key that is held with another one is not the one that was awaited.
+    if (event.key !== "Shift") this.#awaitsNumber = command?.kind === "layouts";
+    if (!command) return;
+    // A button or a link is worked by these; a page is scrolled.
+    const ofControl =
+      event.target.closest("button, a, summary, input") !== null && (event.key === " " || event.key === "Enter");
+    const scrolls = event.target.closest("#sidebar, .candidates") ? /^(Arrow|Page)/ : /^Arrow/;
+    const ofPage = !onPicture && (scrolls.test(event.key) || event.key === "Enter");
+    if (ofControl || ofPage) return;
+    const viewer = this.viewer.peek();
+    if (command.kind !== "help" && !viewer) return;
+    event.preventDefault();
+    if (command.kind === "help") helpDialog();
+    else if (viewer) perform(viewer.store, command);
+  }
+}
