@@ -77,7 +77,7 @@ test(
     const [left = 0, posterior = 99, superior = 99] = x.split(",").map(Number);
     // 10 mm below the rightmost point of the brain, which reaches 50 mm to the right.
     assert.ok(left < -33 && left > -45, x);
-    assert.ok(Math.hypot(posterior, superior) < 6, x);
+    assert.ok(Math.hypot(posterior, superior) < 8, x);
     assert.notEqual(v, "left");
     await page.waitForSelector(".flat-map .cursor.mark:not([hidden])");
     for (const plane of ["axial", "coronal"])
