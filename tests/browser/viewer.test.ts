@@ -402,6 +402,8 @@ test("the address holds the state: a reload restores it, Back goes back, nonsens
   await page.waitForSelector("#surface[data-drawn=true]");
   assert.equal(await depth(), 11.2);
   assert.equal(await letters("#surface"), "L R A P");
+  // A pane is blank until its own picture is there.
+  await page.waitForSelector(".slice.axial .badge:not([hidden])");
   assert.equal(await text(".slice.axial .badge"), "Neurological");
   await page.getByRole("button", { name: "Right", exact: true }).click();
   await page.locator(".layouts button[value=single]").click();

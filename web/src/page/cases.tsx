@@ -67,10 +67,11 @@ export function CaseList({ cases, remove }: ListProps) {
     wantsFocus.current = false;
     list.current?.querySelector<HTMLElement>(`[data-id="${focused}"] a`)?.focus({ preventScroll: true });
   });
-  const seek = (change: () => void): void => {
+  // Another order and another search begin at the top, once their rows are there.
+  useLayoutEffect(() => {
     if (scroller.current) scroller.current.scrollTop = 0;
-    change();
-  };
+    stir();
+  }, [cases.order.value, cases.search.value]);
   /** Arrows go from case to case. */
   const walk = (event: KeyboardEvent): void => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
@@ -105,7 +106,7 @@ export function CaseList({ cases, remove }: ListProps) {
           maxLength={100}
           placeholder={t("cases.search")}
           aria-label={t("cases.search")}
-          onInput={({ currentTarget }) => seek(() => (cases.search.value = currentTarget.value.trim()))}
+          onInput={({ currentTarget }) => (cases.search.value = currentTarget.value.trim())}
         />
         <Choice
           id="case-order"
@@ -113,7 +114,7 @@ export function CaseList({ cases, remove }: ListProps) {
           values={ORDERS}
           value={cases.order.value}
           words={(order) => t(`order.${order}`)}
-          onChoose={(order) => seek(() => (cases.order.value = order))}
+          onChoose={(order) => (cases.order.value = order)}
         />
       </div>
       <Status id="cases-note" words={cases.note.value} />
