@@ -625,7 +625,10 @@ test(
     await page.keyboard.press("z");
     await page.waitForSelector("body[data-layout=both]");
     assert.equal((await fragment(page)).b, undefined);
-    await page.getByRole("button", { name: /^Remove \d/ }).last().click();
+    await page
+      .getByRole("button", { name: /^Remove \d/ })
+      .last()
+      .click();
     assert.deepEqual(troubles, []);
     await page.context().close();
   },
