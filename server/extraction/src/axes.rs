@@ -5,8 +5,8 @@
 use geometry::{AXIS_ORDERS, BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
-use crate::methods::{Extraction, Method, closed, predict};
-use crate::quality::{Masked, Origin, Quality, judge};
+use crate::methods::{Extraction, Method, predict, rated};
+use crate::quality::{Origin, Quality};
 use crate::{ExtractionError, Network, Observe};
 
 /// The least agreement of the two passes of the network for other axes to be offered.
@@ -96,24 +96,12 @@ fn turned_back(
     )?;
     let mask = Mask::new(grid, mask.voxels().to_vec())?;
     let brain = BrainMask::from_mask(&mask, volume.grid())?;
-    let (closed, cuts) = closed(&brain, volume)?;
-    let masked = Masked {
-        mask: &mask,
-        brain: &brain,
-        closed: &closed,
-        cuts: &cuts,
-        volume,
-    };
     let certainty = [found.quality.agreement, found.quality.uncertain];
-    let mut quality = judge(masked, Origin::Turned(certainty))?;
-    quality.offer_axes(about * volume.grid().patient_from_voxel());
-    Ok(Extraction {
-        brain,
-        closed,
-        cuts,
-        method: Method::Network,
-        quality,
-    })
+    let origin = Origin::Turned(certainty);
+    let mut back = rated(volume, &mask, brain, Method::Network, origin)?;
+    let turned = about * volume.grid().patient_from_voxel();
+    back.quality.offer_axes(turned);
+    Ok(back)
 }
 
 #[cfg(test)]

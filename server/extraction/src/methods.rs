@@ -1,6 +1,6 @@
 //! Each extraction method by itself, and the rating of its result.
 
-use geometry::{BrainCuts, BrainMask, DistanceMap, Volume, cut_envelope, distance_map};
+use geometry::{BrainCuts, BrainMask, DistanceMap, Mask, Volume, cut_envelope, distance_map};
 
 use crate::observe::go_on;
 use crate::pruning::{PruningParameters, prune_with};
@@ -54,23 +54,9 @@ pub fn predict(
     let prediction = network.predict(volume, &|done| observe(0.9 * done))?;
     let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
-    let (closed, cuts) = closed(&brain, volume)?;
     let mask = prediction.fine.above(0.5)?;
-    let masked = Masked {
-        mask: &mask,
-        brain: &brain,
-        closed: &closed,
-        cuts: &cuts,
-        volume,
-    };
-    let quality = judge(masked, Origin::Predicted(&prediction))?;
-    Ok(Extraction {
-        brain,
-        closed,
-        cuts,
-        method: Method::Network,
-        quality,
-    })
+    let origin = Origin::Predicted(&prediction);
+    rated(volume, &mask, brain, Method::Network, origin)
 }
 
 /// Finds the brain by tree pruning alone. It needs no weights, but a good contrast between grey and white matter.
@@ -93,20 +79,32 @@ pub(crate) fn pruned(
     })?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
+    let origin = Origin::Pruned(because);
+    rated(volume, &pruned, brain, Method::TreePruning, origin)
+}
+
+/// A brain that a method has found, closed and rated.
+pub(crate) fn rated(
+    volume: &Volume,
+    mask: &Mask,
+    brain: BrainMask,
+    method: Method,
+    origin: Origin<'_>,
+) -> Result<Extraction, ExtractionError> {
     let (closed, cuts) = closed(&brain, volume)?;
     let masked = Masked {
-        mask: &pruned,
+        mask,
         brain: &brain,
         closed: &closed,
         cuts: &cuts,
         volume,
     };
-    let quality = judge(masked, Origin::Pruned(because))?;
+    let quality = judge(masked, origin)?;
     Ok(Extraction {
         brain,
         closed,
         cuts,
-        method: Method::TreePruning,
+        method,
         quality,
     })
 }

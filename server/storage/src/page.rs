@@ -70,6 +70,27 @@ pub struct ListCursor {
 }
 
 impl ListCursor {
+    /// The place before which a list goes on, newest first: that of a cursor, or after the newest item.
+    pub fn place(after: Option<&Self>) -> (i64, &str) {
+        after.map_or((i64::MAX, ""), |cursor| (cursor.at, &cursor.id))
+    }
+
+    /// A page of at most `limit` items of which one more was read, and its end if there is more.
+    pub fn page<T>(
+        mut items: Vec<T>,
+        limit: usize,
+        place: impl Fn(&T) -> (Timestamp, &str),
+    ) -> (Vec<T>, Option<Self>) {
+        let has_more = items.len() > limit;
+        items.truncate(limit);
+        let last = items.last().filter(|_| has_more).map(place);
+        let next = last.map(|(at, id)| Self {
+            at: at.as_microsecond(),
+            id: id.to_owned(),
+        });
+        (items, next)
+    }
+
     /// Parses the output of `Display`; `None` for anything else.
     pub fn parse(text: &str) -> Option<Self> {
         let (at, id) = text.split_once('-')?;

@@ -12,7 +12,7 @@ use storage::tables::{
 };
 use storage::{ListCursor, ObjectName, StoreError};
 
-use super::columns::{count, read_count};
+use super::columns::{count, read_count, read_digest};
 use super::images::{self, Arrived, wake_layers_of_closed};
 use crate::values::{
     Arrival, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueImage, DueSeries,
@@ -521,11 +521,9 @@ async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName
 }
 
 fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
-    let digest: String = row.get("digest")?;
-    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
     Ok(ObjectName {
         kind: ObjectKind::Instance,
-        digest,
+        digest: read_digest(row)?,
     })
 }
 
@@ -623,10 +621,7 @@ pub(super) async fn page(
     after: Option<&ListCursor>,
     limit: usize,
 ) -> Result<(Vec<Arrival>, Option<ListCursor>), StoreError> {
-    let (at, id) = match after {
-        Some(cursor) => (cursor.at, cursor.id.clone()),
-        None => (i64::MAX, String::new()),
-    };
+    let (at, id) = ListCursor::place(after);
     let rows = connection
         .fetch_all(
             select_arrival!(
@@ -648,14 +643,10 @@ pub(super) async fn page(
             ],
         )
         .await?;
-    let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let more = arrivals.len() > limit;
-    arrivals.truncate(limit);
-    let next = arrivals.last().filter(|_| more).map(|last| ListCursor {
-        at: last.first_at.as_microsecond(),
-        id: last.id.clone(),
-    });
-    Ok((arrivals, next))
+    let arrivals = rows.iter().map(read).collect::<Result<_, _>>()?;
+    Ok(ListCursor::page(arrivals, limit, |arrival: &Arrival| {
+        (arrival.first_at, &arrival.id)
+    }))
 }
 
 pub(super) async fn one(

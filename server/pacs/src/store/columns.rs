@@ -1,4 +1,7 @@
-//! Numbers of images in columns.
+//! What several tables have in columns.
+
+use storage::StoreError;
+use storage::tables::{Row, unreadable};
 
 /// A number of images for a column.
 pub(super) fn count(number: usize) -> i64 {
@@ -8,4 +11,10 @@ pub(super) fn count(number: usize) -> i64 {
 /// A number of images in a column.
 pub(super) fn read_count(number: i64) -> usize {
     usize::try_from(number).unwrap_or(0)
+}
+
+/// The column `digest`.
+pub(super) fn read_digest(row: &Row) -> Result<blake3::Hash, StoreError> {
+    let digest: String = row.get("digest")?;
+    blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))
 }

@@ -16,6 +16,7 @@ use storage::tables::{
 use storage::{Made, StoreError};
 
 use super::columns::{count, read_count};
+use super::timestamp;
 use crate::values::{
     ArrivalSource, LastImage, MadeCase, MadeImage, NewInstance, Rejected, Withdrawn,
 };
@@ -227,13 +228,14 @@ pub(super) async fn reject(
     by: &str,
     now: i64,
 ) -> Result<Vec<CaseId>, StoreError> {
+    let at = timestamp(now)?;
     for (uids, instances) in &rejection.series {
         let id = new_id();
         for uid in instances {
             let withdrawn = Withdrawn {
                 uids: Some(uids.clone()),
                 instance: uid.clone(),
-                at: jiff::Timestamp::from_microsecond(now).map_err(|_| unreadable("a time"))?,
+                at,
                 id: id.clone(),
                 by: by.to_owned(),
                 may_return: rejection.may_return,
@@ -405,16 +407,19 @@ async fn write(connection: &mut Connection, image: &LastImage) -> Result<(), Sto
     Ok(())
 }
 
-/// Writes an image as another store has it, unless one has come here since.
+/// Writes images as another store has them, unless others have come here since.
 pub(super) async fn write_copied(
     connection: &mut Connection,
-    image: &LastImage,
+    images: &[LastImage],
 ) -> Result<(), StoreError> {
-    let here = last(connection, &image.uid).await?;
-    if here.is_none_or(|here| here.last_at <= image.last_at) {
-        write(connection, image).await?;
+    for image in images {
+        let here = last(connection, &image.uid).await?;
+        if here.is_none_or(|here| here.last_at <= image.last_at) {
+            write(connection, image).await?;
+        }
     }
-    judge(connection, &[&image.uid]).await.map(drop)
+    let uids: Vec<_> = images.iter().map(|image| &image.uid).collect();
+    judge(connection, &uids).await.map(drop)
 }
 
 /// The cases that were made of any of these images, each with all of its own, newest first.

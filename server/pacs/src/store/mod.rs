@@ -337,9 +337,7 @@ impl PacsStore {
     /// Notes that images came as another store has them.
     pub(crate) async fn write_copied_images(&self, all: &[LastImage]) -> Result<(), StoreError> {
         let (mut transaction, _) = self.write().await?;
-        for image in all {
-            images::write_copied(&mut transaction, image).await?;
-        }
+        images::write_copied(&mut transaction, all).await?;
         transaction.commit().await
     }
 

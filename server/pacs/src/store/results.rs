@@ -10,7 +10,7 @@ use storage::tables::{
 };
 use storage::{Job, ListCursor, Made, NewJob, ObjectName, StoreError};
 
-use super::columns::count;
+use super::columns::{count, read_digest};
 use super::images;
 use crate::values::{
     NewResult, NotValid, ResultSeries, SEND, SentResult, TransferQuery, result_object,
@@ -124,10 +124,7 @@ pub(super) async fn page(
     after: Option<&ListCursor>,
     limit: usize,
 ) -> Result<(Vec<SentResult>, Option<ListCursor>), StoreError> {
-    let (at, id) = match after {
-        Some(cursor) => (cursor.at, cursor.id.clone()),
-        None => (i64::MAX, String::new()),
-    };
+    let (at, id) = ListCursor::place(after);
     let rows = connection
         .fetch_all(
             "SELECT id FROM results
@@ -145,14 +142,9 @@ pub(super) async fn page(
     for row in &rows {
         results.extend(one(connection, &row.get::<String>("id")?).await?);
     }
-    let has_more = results.len() > limit;
-    results.truncate(limit);
-    let last = results.last().filter(|_| has_more);
-    let next = last.map(|last| ListCursor {
-        at: last.created_at.as_microsecond(),
-        id: last.id.clone(),
-    });
-    Ok((results, next))
+    Ok(ListCursor::page(results, limit, |result: &SentResult| {
+        (result.created_at, &result.id)
+    }))
 }
 
 pub(super) async fn one(
@@ -265,9 +257,7 @@ async fn abandon(connection: &mut Connection, rows: &[Row], now: i64) -> Result<
 }
 
 fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
-    let digest: String = row.get("digest")?;
-    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
-    Ok(result_object(digest))
+    read_digest(row).map(result_object)
 }
 
 fn read_case_of(row: &Row) -> Result<CaseId, StoreError> {

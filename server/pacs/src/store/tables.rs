@@ -5,9 +5,10 @@ use case::images::Fingerprint;
 use case::series::Uid;
 use case::{CaseId, Failure, JobKind, ObjectKind};
 use storage::args;
-use storage::tables::{Connection, Migrations, Row, Tables, unreadable};
+use storage::tables::{Connection, Migrations, Row, Tables};
 use storage::{Made, ObjectName, StoreError};
 
+use super::columns::{count, read_digest};
 use super::{arrivals, images, results};
 use crate::values::{SEND, SERIES};
 
@@ -69,17 +70,10 @@ impl Tables for PacsTables {
         };
         let after = after.map(|name| name.digest.to_string());
         let rows = connection
-            .fetch_all(
-                sql,
-                args![
-                    after.unwrap_or_default(),
-                    i64::try_from(limit).unwrap_or(i64::MAX)
-                ],
-            )
+            .fetch_all(sql, args![after.unwrap_or_default(), count(limit)])
             .await?;
         let read = |row: &Row| {
-            let digest: String = row.get("digest")?;
-            let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
+            let digest = read_digest(row)?;
             Ok(ObjectName { kind, digest })
         };
         rows.iter().map(read).collect()

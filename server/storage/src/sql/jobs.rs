@@ -124,10 +124,7 @@ pub(super) async fn page(
     after: Option<&ListCursor>,
     limit: usize,
 ) -> Result<(Vec<Job>, Option<ListCursor>), StoreError> {
-    let (at, id) = match after {
-        Some(cursor) => (cursor.at, cursor.id.clone()),
-        None => (i64::MAX, String::new()),
-    };
+    let (at, id) = ListCursor::place(after);
     let rows = connection
         .fetch_all(
             select_job!(
@@ -145,15 +142,10 @@ pub(super) async fn page(
             ],
         )
         .await?;
-    let mut jobs = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let has_more = jobs.len() > limit;
-    jobs.truncate(limit);
-    let last = jobs.last().filter(|_| has_more);
-    let next = last.map(|last| ListCursor {
-        at: last.created_at.as_microsecond(),
-        id: last.id.clone(),
-    });
-    Ok((jobs, next))
+    let jobs = rows.iter().map(read).collect::<Result<_, _>>()?;
+    Ok(ListCursor::page(jobs, limit, |job: &Job| {
+        (job.created_at, &job.id)
+    }))
 }
 
 /// For how long the oldest open job of each kind has been there.

@@ -4,6 +4,7 @@ use case::CaseId;
 use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, SeriesUids, Uid};
 
 use super::connection::{Connection, Row, unreadable};
+use super::made::read_uid;
 use crate::StoreError;
 use crate::args;
 
@@ -92,13 +93,9 @@ pub fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, Store
 
 /// The columns `study_uid` and `series_uid`.
 pub fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
-    let uid = |column| {
-        let text: String = row.get(column)?;
-        Uid::parse(&text).ok_or_else(|| unreadable("a UID"))
-    };
     Ok(SeriesUids {
-        study: uid("study_uid")?,
-        series: uid("series_uid")?,
+        study: read_uid(row, "study_uid")?,
+        series: read_uid(row, "series_uid")?,
     })
 }
 
