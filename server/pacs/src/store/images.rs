@@ -125,6 +125,10 @@ pub(super) async fn arrive(
     Ok((arrived, returned > 0))
 }
 
+/// The fingerprint of an image that a result shows in two versions: no image has it, so that the result is closed as soon as a PACS has sent
+/// the image, as one of its layers is.
+const IN_TWO_VERSIONS: &str = "00000000000000000000000000000000:";
+
 /// Notes of which images the layers were made that a result shows; they outlive the layers.
 pub(super) async fn make_result(
     connection: &mut Connection,
@@ -136,8 +140,10 @@ pub(super) async fn make_result(
             .execute(
                 "INSERT INTO made_of (case_id, result_id, sop_instance_uid, fingerprint, times)
                  SELECT case_id, $1, sop_instance_uid, fingerprint, times FROM made_of
-                 WHERE case_id = $2 AND layer_id = $3 AND result_id = '' ON CONFLICT DO NOTHING",
-                args![&result.result, &result.case, layer.to_string()],
+                 WHERE case_id = $2 AND layer_id = $3 AND result_id = ''
+                 ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
+                 SET fingerprint = CASE WHEN made_of.fingerprint = excluded.fingerprint THEN made_of.fingerprint ELSE $4 END",
+                args![&result.result, &result.case, layer.to_string(), IN_TWO_VERSIONS],
             )
             .await?;
     }

@@ -614,17 +614,14 @@ fn version_of(name: ImageName, file: &[u8]) -> Version {
 async fn live(steps: &[Step]) {
     let mut world = World::new().await;
     // A head and a layer of it, and a result that shows both.
-    let all: Vec<_> = (0..IMAGES).collect();
-    let whole = |of| Step::Send {
-        of,
-        numbers: all.clone(),
-        version: Version {
-            series: of,
-            contents: 0,
-        },
-    };
     let read = || Step::Read { is_killed: false };
-    let first = [whole(0), read(), whole(2), read(), Step::Ask { case: 0 }];
+    let first = [
+        send_all(0, 0),
+        read(),
+        send_all(2, 0),
+        read(),
+        Step::Ask { case: 0 },
+    ];
     for step in first.iter().chain(steps) {
         world.step(step).await;
         world.check().await;
@@ -634,6 +631,37 @@ async fn live(steps: &[Step]) {
     world.check().await;
     // What waits is sent, or has failed for good.
     while world.take().await {}
+}
+
+fn send_all(of: usize, contents: u8) -> Step {
+    let version = Version {
+        series: of,
+        contents,
+    };
+    let numbers = (0..IMAGES).collect();
+    Step::Send {
+        of,
+        numbers,
+        version,
+    }
+}
+
+#[tokio::test]
+async fn a_result_of_two_layers_with_two_versions_of_one_image_is_not_sent() {
+    let read = || Step::Read { is_killed: false };
+    // The layer is corrected while the case of its head is, so that the new head has a layer of each version.
+    let steps = [
+        send_all(2, 1),
+        send_all(1, 0),
+        read(),
+        send_all(0, 0),
+        send_all(2, 0),
+        read(),
+        read(),
+        Step::Ask { case: 0 },
+        Step::Ask { case: 1 },
+    ];
+    live(&steps).await;
 }
 
 proptest! {
