@@ -234,10 +234,10 @@ async fn two_patients_of_nearly_the_same_name_and_one_accession_number_keep_thei
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let accession = ([0x08, 0x50], "SH", "ACC-7");
-    // One letter of the name and one digit of the id differ; labels and dates are the same.
+    // One letter of the name and the order of the id's digits differ; labels and dates are the same. UIDs have digits alone.
     let people = [
-        ("1.2.70", "1.2.70.1", "Souza^Maria", "10045"),
-        ("1.2.71", "1.2.71.1", "Sousa^Maria", "10054"),
+        ("1.2.70", "1.2.70.1", "Souza^Maria", "P10045"),
+        ("1.2.71", "1.2.71.1", "Sousa^Maria", "P10054"),
     ];
     let mut cases = Vec::new();
     for (study, uid, name, patient) in people {
