@@ -12,7 +12,7 @@ use imaging::dicom::{
 };
 use rustix::process::{Resource, Rlimit, setrlimit};
 
-use crate::confine::{Confinement, Directory, Instead, Needs, confine, said};
+use crate::confine::{Directory, Instead, Needs, confine, said};
 use crate::files::{FilesBelow, Place};
 use crate::message::{
     HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
@@ -36,7 +36,7 @@ pub fn run() -> ExitCode {
 
 /// As [`run`], with other code that runs in place of reading a series or preparing a case. The outcome is a failure with its words.
 #[cfg(any(test, feature = "testing"))]
-pub fn run_instead(mut code: impl FnMut(&Confinement) -> String) -> ExitCode {
+pub fn run_instead(mut code: impl FnMut(&crate::Confinement) -> String) -> ExitCode {
     exit_code(carry_out(Some(&mut code)))
 }
 
