@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the program, attacks it with each program of tests/faults/ (or the named ones), reports broken expectations, and prints a table
-# of the figures beside their targets (lab/docs/reliability.md). Two hours for all, which end with 20 kills of the test of kills; with --short some
+# of the figures beside their targets (lab/docs/reliability.md). Three hours for all, which end with 20 kills of the test of kills; with --short some
 # minutes, for the short forms of those that have one.
 # Set ISOCORTEX_BINARY to attack another program, such as an older one.
 set -euo pipefail
@@ -24,7 +24,7 @@ trap 'rm -f "$ISOCORTEX_FAULTS_TABLE"' EXIT
 
 # Attacks that take seconds, or have a form that does.
 readonly SHORT=(away compose_cluster expired_cases failing_disk flipped_bits full_disk kill_points killed_neighbour killed_workers
-  kubernetes_files lost_server nginx power_cuts rolling_restart rolling_upgrade rsyslog same_study
+  kubernetes_files lost_server nginx operators power_cuts rolling_restart rolling_upgrade rsyslog same_study
   signed_in soak vanished)
 words=()
 if [ "${1:-}" = --short ]; then
