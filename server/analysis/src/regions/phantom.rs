@@ -195,27 +195,32 @@ impl BrainPhantom {
     }
 
     pub fn scan(&self, grid: &Grid) -> Scan {
-        let own_from_voxel = self.placed.inverse() * grid.patient_from_voxel();
-        let at = |index: usize| {
-            let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
-            self.at(own_from_voxel.transform_point3(voxel))
-        };
-        let count = grid.voxel_count();
-        let value = |index: usize| {
-            let value =
-                at(index).map_or(-1.8, |(_, value)| value) + self.noise * white_noise(index);
+        let tissues = self.tissues(grid);
+        let value = |(index, tissue): (usize, &Option<f64>)| {
+            let value = tissue.unwrap_or(-1.8) + self.noise * white_noise(index);
             (1000.0 + 400.0 * value).round().max(0.0) as u16
         };
         let volume = Volume::new(
             grid.clone(),
-            (0..count).map(value).collect(),
+            tissues.iter().enumerate().map(value).collect(),
             Rescale {
                 slope: 1.0,
                 intercept: 0.0,
             },
         )
         .unwrap();
-        Scan::new(volume, &self.mask(grid))
+        Scan::new(volume, &brain(grid, &tissues))
+    }
+
+    /// The tissue scale of each voxel; `None` outside the brain.
+    fn tissues(&self, grid: &Grid) -> Vec<Option<f64>> {
+        let own_from_voxel = self.placed.inverse() * grid.patient_from_voxel();
+        let tissue = |index: usize| {
+            let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+            let place = own_from_voxel.transform_point3(voxel);
+            self.at(place).map(|(_, tissue)| tissue)
+        };
+        (0..grid.voxel_count()).map(tissue).collect()
     }
 
     /// A simulated scan with another contrast, and with a bias of the coil and noise.
@@ -268,14 +273,13 @@ impl BrainPhantom {
 
     /// The voxels of the brain.
     pub fn mask(&self, grid: &Grid) -> Mask {
-        let own_from_voxel = self.placed.inverse() * grid.patient_from_voxel();
-        let is_brain = |index: usize| {
-            let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
-            self.at(own_from_voxel.transform_point3(voxel)).is_some()
-        };
-        let voxels = (0..grid.voxel_count()).map(is_brain).collect();
-        Mask::new(grid.clone(), voxels).expect("one value for each voxel")
+        brain(grid, &self.tissues(grid))
     }
+}
+
+fn brain(grid: &Grid, tissues: &[Option<f64>]) -> Mask {
+    let voxels = tissues.iter().map(Option::is_some).collect();
+    Mask::new(grid.clone(), voxels).expect("one value for each voxel")
 }
 
 /// Cubic voxels of 1 mm along the patient axes, around the phantom.
