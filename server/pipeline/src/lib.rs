@@ -1,7 +1,4 @@
-//! From the bytes of an upload to everything that a case needs.
-//!
-//! There is no async here: the code runs on a blocking thread of a worker, and directly under the command line. The
-//! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
+#![doc = include_str!("../README.md")]
 
 mod affine;
 pub mod atlas;
