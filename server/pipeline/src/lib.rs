@@ -55,7 +55,6 @@ pub use self::head_limits::HeadLimits;
 pub use self::source::{Source, StoredBrain, keeping_form, read_volume};
 pub use imaging::Limits;
 
-/// A case, computed.
 #[derive(Debug)]
 pub struct Prepared {
     /// The brain mask on the working grid, before closing.
@@ -340,7 +339,6 @@ fn pool_of(threads: usize) -> Result<rayon::ThreadPool, Failure> {
     })
 }
 
-/// Prepares cases.
 #[derive(Debug, Clone, Default)]
 pub struct Pipeline {
     extractor: Arc<Extractor>,
