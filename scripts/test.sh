@@ -152,6 +152,8 @@ else
   # Building the tests and the program in one go gives both the same features.
   step build cargo build --locked --bins --tests
   step tests rust_tests --lib --bins --tests
+  # The example of each crate's README.
+  step "documentation tests" cargo test --locked --doc --no-fail-fast
   step "laboratory's trial" lab_trial
   if [ "${CI:-}" = true ] || scripts/chromium.sh >/dev/null; then
     step "browser test" browser_tests

@@ -19,7 +19,6 @@ use http::listen::Peer;
 /// How long a request waits for the disk of the audit record. A disk that takes longer counts as full.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
 
-/// Where cases are.
 const CASES: &str = "/v1/cases/";
 
 /// What is recorded of the requests of a route.

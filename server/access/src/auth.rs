@@ -347,7 +347,6 @@ pub async fn guard_origin(
 /// The guard of routes: who may ask, and for what.
 #[derive(Debug, Clone)]
 pub struct Guard {
-    /// The access rules.
     pub access: Access,
     /// What each route needs, and what is recorded of it.
     pub scopes: Arc<ScopeTable>,

@@ -18,14 +18,10 @@ pub enum AccessError {
     TokenEnded,
     /// The headers of a proxy that signs people in are not accepted.
     #[error("the proxy in front of this server {why}; tell the administrator of this server")]
-    ProxyRefused {
-        /// What it did.
-        why: &'static str,
-    },
+    ProxyRefused { why: &'static str },
     /// The token does not permit this.
     #[error("the token `{}` may not do this: it lacks the scope `{scope}`", .holder.name)]
     MissingScope {
-        /// Who asks.
         holder: Holder,
         /// What the route needs.
         scope: Scope,

@@ -1,5 +1,4 @@
-//! Who may ask for what, and who did what: tokens and their scopes, people whom a proxy has signed in, origins, and the audit
-//! record.
+#![doc = include_str!("../README.md")]
 
 pub mod audit;
 pub mod audited;

@@ -122,7 +122,6 @@ impl SignInProxy {
         })))
     }
 
-    /// The configuration.
     pub fn options(&self) -> &ProxyOptions {
         &self.0.options
     }

@@ -37,7 +37,6 @@ impl ScopeTable {
         self
     }
 
-    /// All rows.
     pub fn rows(&self) -> impl Iterator<Item = (&Method, &str, Scope, Audited)> {
         let rows = self.0.iter();
         rows.map(|(method, path, scope, audited)| (method, &**path, *scope, *audited))

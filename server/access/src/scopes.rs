@@ -74,13 +74,11 @@ impl FromStr for Scope {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub enum Role {
-    /// Looks at cases.
     Viewer,
     /// Reads: looks, marks, uploads, and sends results.
     Editor,
     /// A PACS, which stores images and asks for cases. It rejects nothing.
     Pacs,
-    /// Everything.
     Admin,
 }
 

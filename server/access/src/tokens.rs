@@ -10,7 +10,6 @@ use crate::scopes::Scope;
 /// plain digest tells nothing of it.
 #[derive(Debug, Clone)]
 pub struct NamedToken {
-    /// Who holds it.
     pub holder: Holder,
     /// The BLAKE3 digest of its characters.
     pub digest: blake3::Hash,
@@ -74,9 +73,7 @@ impl Holder {
 /// Why a token does not open.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mismatch {
-    /// Nobody has it.
     Unknown,
-    /// It has ended.
     Ended,
 }
 

@@ -24,7 +24,6 @@ const ROUNDING_MM: f32 = 0.01;
 pub enum Zone {
     /// Less than 2 mm deep.
     Outside,
-    /// Tissue.
     Tissue,
     /// From 3 mm on, where the junction of grey and white matter may be.
     Deep,

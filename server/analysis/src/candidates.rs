@@ -13,9 +13,7 @@ use crate::{Head, MapKind, MapsUndefined, Region, TissueScale};
 /// A side of the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Side {
-    /// The patient's left.
     Left,
-    /// The patient's right.
     Right,
     /// Within [`MIDDLE_MM`] of the midsagittal plane: too near to it to be told by a flat plane.
     Middle,
@@ -57,7 +55,6 @@ pub struct ScoreLimits {
 }
 
 impl ScoreLimits {
-    /// Of `blur`.
     pub const BLUR: Self = Self {
         unusual_above: UNUSUAL_ABOVE,
         borderline_from: BORDERLINE_FROM,
@@ -69,11 +66,8 @@ impl ScoreLimits {
     };
 }
 
-/// The longest edge of a voxel up to which the limits hold, in mm. They were read off voxels of 0.67 to 1 mm.
-///
-/// Four heads without a lesion were averaged to coarser voxels, each in two ways. At 1 mm, one of four has a place above the limit of
-/// `thickness` and none has one above that of `blur`. Averaged to 1.1, 1.25 and 1.5 mm, 17 and 7 of 24 have one, at 1.75 and 2 mm 16
-/// and 11 of 16.
+/// The longest edge of a voxel up to which the limits hold, in mm. They were read off voxels of 0.67 to 1 mm; of sound heads averaged to
+/// coarser ones, many have a place above them (`lab/docs/study.md`).
 const LIMITS_HOLD_TO_MM: f64 = 1.0;
 /// Edges differ by some hundredths from what they are called.
 const EDGE_TOLERANCE_MM: f64 = 0.05;
@@ -153,7 +147,6 @@ impl HeadDoubts {
 }
 
 impl ScoreCaveat {
-    /// Its stable name.
     pub fn code(self) -> &'static str {
         match self {
             Self::UntestedFlair => "untested-flair",
@@ -211,7 +204,6 @@ pub enum Unusual {
     Yes,
     /// From the lower limit on.
     Borderline,
-    /// Lower.
     No,
 }
 

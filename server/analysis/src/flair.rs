@@ -95,7 +95,6 @@ pub enum FlairUndefined {
         "white matter has no positive intensity in the FLAIR; its map needs intensities as the scanner gave them"
     )]
     NoSignal,
-    /// Fluid is bright.
     #[error(
         "fluid is brighter than white matter in this layer; it is not a FLAIR. State its true `contrast`"
     )]

@@ -1,13 +1,4 @@
-//! Measures from one head that help readers: values in, values out, without files or tasks.
-//!
-//! * The plane between the hemispheres: [`midsagittal_plane`].
-//! * The sharpness of the junction of grey and white matter, compared with its surroundings and the other side, and the
-//!   most blurred places: [`maps`]. Everything comes from the head itself; there is no database of normal heads.
-//! * The intensities of a FLAIR of the same head at that junction, compared in the same way: [`flair_map`].
-//! * The regions of the brain: cerebrum by side, cerebellum, brain stem: [`Regions`]; and its parts with surfaces of their
-//!   own: [`Division`].
-//! * The position of another volume of the same head: [`register`]; of the head in the space of an atlas: [`align`].
-//! * The tissue scale of a head, voxel by voxel, on which all of these stand: [`tissue_of`].
+#![doc = include_str!("../README.md")]
 
 mod block;
 mod candidates;

@@ -13,7 +13,6 @@ pub(crate) struct Spans {
 }
 
 impl Spans {
-    /// Whole rows.
     pub(crate) fn whole(size: [usize; 3]) -> Self {
         let [nx, ny, nz] = size;
         Self {

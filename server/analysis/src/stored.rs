@@ -149,10 +149,7 @@ pub enum StoredMapError {
     OtherFormat,
     /// The header has an impossible value.
     #[error("the header of the map is damaged: {what}; compute the maps again")]
-    Damaged {
-        /// What is wrong.
-        what: &'static str,
-    },
+    Damaged { what: &'static str },
 }
 
 impl StoredMap {

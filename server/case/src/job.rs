@@ -10,7 +10,6 @@ pub struct JobKind {
 }
 
 impl JobKind {
-    /// Prepares a case.
     pub const PREPARE: Self = Self::new("prepare", "preparation");
     /// Prepares a layer of a ready case.
     pub const LAYER: Self = Self::new("layer", "preparation");
@@ -38,11 +37,9 @@ impl JobKind {
 /// The state of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobState {
-    /// It waits.
     Queued,
     /// A process is at it.
     Running,
-    /// It is done.
     Done,
     /// It failed, for a reason.
     Failed,

@@ -181,7 +181,6 @@ pub enum Transform {
     Auto,
     /// Where its header places it.
     None,
-    /// Registered.
     Rigid,
     /// By these rows of `case_from_layer`, LPS mm.
     Matrix([[f64; 4]; 4]),
@@ -276,7 +275,6 @@ pub struct LayerParameters {
     pub unit: String,
     /// How it is placed.
     pub transform: Transform,
-    /// Names of labels.
     pub labels: BTreeMap<u32, String>,
     /// The contrast of an MR sequence, if it is known.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -490,7 +488,6 @@ pub struct LayerFacts {
     pub spacing_mm: [f64; 3],
     /// Rows of the affine from voxels to the layer's own patient space, LPS mm.
     pub patient_from_voxel: [[f64; 4]; 4],
-    /// Its place.
     pub placement: PlacementFacts,
     /// Least and greatest value.
     pub range: [f32; 2],

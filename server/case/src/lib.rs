@@ -1,7 +1,4 @@
-//! The vocabulary of a case, shared by all other crates: one head, from its upload to the facts that a client needs to show it.
-//!
-//! Nothing here does I/O or knows a protocol. Types that are stored or sent implement `serde`, and with the feature `openapi`
-//! also `utoipa`.
+#![doc = include_str!("../README.md")]
 
 mod client;
 mod facts;

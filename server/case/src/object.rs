@@ -3,9 +3,7 @@
 /// The kind of a stored object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ObjectKind {
-    /// The uploaded volume.
     SourceVolume,
-    /// The uploaded mask.
     SourceMask,
     /// The identifying DICOM attributes, if the volume comes from DICOM.
     SourceDicom,
@@ -17,7 +15,6 @@ pub enum ObjectKind {
     WholeVolume,
     /// The envelope on the working grid.
     Envelope,
-    /// The optimal-path forest.
     Forest,
     /// The table of paths of the default mesh.
     Paths,

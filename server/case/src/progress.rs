@@ -101,7 +101,6 @@ impl Stage {
 /// The progress of a preparation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// The current stage.
     pub stage: Stage,
     /// The finished fraction of the whole preparation, 0 to 1.
     pub fraction: f32,

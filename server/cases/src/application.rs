@@ -65,7 +65,6 @@ pub struct Options {
     pub makes_maps: bool,
     /// How many layers a case may have.
     pub max_layers: usize,
-    /// The graphics device.
     pub graphics: GraphicsOptions,
     /// The program that reads DICOM files.
     pub dicom_program: Program,
@@ -137,7 +136,6 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
 pub struct Cases {
     /// Cases in the store, and their preparation.
     pub library: Library,
-    /// Cases in memory.
     pub models: Models,
     /// The queue for pictures, meshes and all other CPU work for clients.
     pub queue: ConcurrencyLimit,

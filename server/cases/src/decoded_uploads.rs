@@ -113,7 +113,6 @@ impl DecodedUploads {
     }
 }
 
-/// An idle worker.
 #[derive(Debug)]
 pub(crate) struct Idle(DecodedUploads);
 

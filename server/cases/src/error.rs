@@ -15,7 +15,6 @@ use crate::models::{ModelError, PathsError};
 /// An error of the application. The sentences may be shown to clients, except for [`Error::Store`].
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// No such case.
     #[error("there is no case with this id")]
     NoSuchCase,
     /// The case is not prepared yet.
@@ -27,7 +26,6 @@ pub enum Error {
     /// The layer is closed, and is not drawn.
     #[error("the layer is closed and is not drawn: {}", .0.sentence())]
     LayerClosed(Closed),
-    /// No such layer.
     #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,
     /// The case has as many layers as it may have.
@@ -50,7 +48,6 @@ pub enum Error {
     Parameter {
         /// The stable name of the error, in kebab case.
         kind: &'static str,
-        /// The parameter.
         name: Cow<'static, str>,
         /// The error, as a sentence that begins with its verb.
         detail: String,
@@ -79,10 +76,8 @@ pub enum Error {
     /// The disk of the store has room, but cannot be written. The cause is for the log.
     #[error("{FAILED_DISK}")]
     StorageFailed(#[source] StoreError),
-    /// The store failed.
     #[error(transparent)]
     Store(StoreError),
-    /// An internal error.
     #[error("{INTERNAL}")]
     Internal,
 }

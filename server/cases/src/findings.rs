@@ -46,7 +46,6 @@ pub enum NotReplaced {
     Elsewhere(&'static str),
     /// The case does not count any more: a sentence.
     Closed(&'static str),
-    /// Another error.
     Other(Error),
 }
 

@@ -1,6 +1,4 @@
-//! The application: cases are submitted, prepared by workers, kept in memory and drawn.
-//!
-//! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
+#![doc = include_str!("../README.md")]
 
 mod adopt;
 mod application;

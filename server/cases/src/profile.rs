@@ -61,9 +61,7 @@ pub struct ProfileLayer {
 /// An added layer to be sampled.
 #[derive(Debug, Clone)]
 pub struct SampledLayer {
-    /// Its description.
     pub about: ProfileLayer,
-    /// Its voxels.
     pub layer: Arc<render::Layer>,
 }
 

@@ -64,7 +64,6 @@ pub trait Work: Send + Sync + 'static {
 /// A job that is being done.
 #[derive(Debug)]
 pub struct Running {
-    /// The job.
     pub claim: Claim,
     is_cancelled: Arc<AtomicBool>,
     progress: watch::Sender<Option<String>>,

@@ -1,11 +1,4 @@
-//! Finds the brain in a T1-weighted head, and rates how far the result can be trusted.
-//!
-//! [`extract`] is the main function. There is no I/O here: the caller reads the weights of the network and passes their
-//! bytes.
-//!
-//! The network is deepbet 1.0.2 (Fisch et al., "deepbet: Fast brain extraction of T1-weighted MRI using
-//! Convolutional Neural Networks", Computers in Biology and Medicine 179:108845, 2024). This crate
-//! contains the code that runs the network, but not the weights, which belong to its authors.
+#![doc = include_str!("../README.md")]
 
 mod axes;
 mod canonical;

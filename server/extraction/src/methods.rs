@@ -12,7 +12,6 @@ use crate::{ExtractionError, Network, Observe};
 pub enum Method {
     /// By the network deepbet.
     Network,
-    /// By tree pruning.
     TreePruning,
 }
 
@@ -23,11 +22,9 @@ pub struct Extraction {
     pub brain: BrainMask,
     /// The depth below the envelope of the brain, closed by [`CLOSING_RADIUS_MM`], on which the rating is based.
     pub closed: DistanceMap,
-    /// What cuts it.
     pub cuts: BrainCuts,
     /// The method that found it.
     pub method: Method,
-    /// Its rating.
     pub quality: Quality,
 }
 

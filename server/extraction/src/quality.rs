@@ -15,7 +15,6 @@ use crate::{ExtractionError, Prediction};
 /// The rating of a mask, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// Nothing is unusual.
     Ok,
     /// Something is unusual: a person should check the mask before the case is used.
     Review,
@@ -154,7 +153,6 @@ pub(crate) fn doubt(
 /// Why tree pruning was used.
 #[derive(Debug, Clone, Copy)]
 pub enum Because {
-    /// It was requested.
     Asked,
     /// There is no network.
     NoNetwork,
@@ -210,9 +208,7 @@ pub struct Masked<'a> {
     pub brain: &'a BrainMask,
     /// The depth below its envelope, from [`closed`](crate::closed()).
     pub closed: &'a DistanceMap,
-    /// What cuts it.
     pub cuts: &'a BrainCuts,
-    /// The volume.
     pub volume: &'a Volume,
 }
 
@@ -225,7 +221,6 @@ pub enum Origin<'a> {
     Turned([Option<f64>; 2]),
     /// Tree pruning found it.
     Pruned(Because),
-    /// Somebody supplied it.
     Supplied(Opinion<'a>),
     /// The volume is skull-stripped, and it is what is not 0.
     Stripped(Opinion<'a>),

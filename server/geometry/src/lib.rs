@@ -1,16 +1,4 @@
-//! From an MR volume and a brain mask to the cortex at any depth: the mathematics of Isocortex.
-//!
-//! `Volume → BrainMask → Envelope → DistanceMap → Forest → EnvelopeMesh → ShrunkMesh`
-//!
-//! [`DeformableModel::build`] performs all steps from the envelope on; its result is the input of pictures and meshes.
-//!
-//! Values go in and values come out: there is no I/O here, no clock, no async and no GPU. World space is the patient
-//! space of DICOM: LPS, in millimetres. Arrays are x-fastest. Every step after the mask uses the *working grid*:
-//! isotropic, with its axes along L, P and S.
-//!
-//! The method is from Bergo, de Goes, Goldenstein and Falcão, "A Deformable Model for Fast Visualization of Euclidean
-//! Isosurfaces of the Brain", 2006; "the paper" below.
-
+#![doc = include_str!("../README.md")]
 #![warn(missing_docs)]
 
 mod beyond_cuts;

@@ -53,7 +53,6 @@ impl EntityTag {
         Self::from_digest(&hasher.finalize())
     }
 
-    /// Its header's value.
     pub fn header(&self) -> HeaderValue {
         self.0.clone()
     }
@@ -201,7 +200,6 @@ impl Format {
 pub struct Content {
     /// The bytes, in the coding of the format.
     pub body: Bytes,
-    /// Further headers.
     pub headers: HeaderMap,
     /// The variant of the format, if the work chose another one.
     pub variant: Option<String>,
@@ -239,7 +237,6 @@ pub struct Representation {
     pub coding: Coding,
     /// The bytes, in that coding.
     pub body: Bytes,
-    /// Further headers.
     pub headers: HeaderMap,
     /// The request headers on which the answer depends, for `Vary`.
     pub vary: &'static str,

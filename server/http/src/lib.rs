@@ -1,5 +1,4 @@
-//! What every HTTP interface of the server shares: problems, conditional requests, negotiation of formats, queries, limits on
-//! connections and bodies, metrics and the log of requests. It knows no case, picture or store, and not who may ask for what.
+#![doc = include_str!("../README.md")]
 
 pub mod client;
 pub mod client_limit;

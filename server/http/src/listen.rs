@@ -168,7 +168,6 @@ pub async fn serve(
 /// Where connections come from.
 #[derive(Debug)]
 pub enum Listener {
-    /// The network.
     Tcp(TcpListener),
     /// A socket in the file system, for a proxy alone.
     #[cfg(unix)]

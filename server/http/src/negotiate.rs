@@ -16,10 +16,8 @@ const BEST: [u32; 2] = [9, 9];
 /// The media type of a gzipped NIfTI file.
 pub const GZIP: &str = "application/gzip";
 
-/// A content coding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Coding {
-    /// None.
     Identity,
     /// RFC 8878.
     Zstd,

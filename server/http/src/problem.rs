@@ -89,7 +89,6 @@ pub enum AppError {
         /// Bytes of the whole body.
         length: u64,
     },
-    /// No such address.
     #[error("this address does not exist; /docs lists all addresses")]
     NoSuchRoute,
     /// The address does not accept this method.

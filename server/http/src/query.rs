@@ -22,7 +22,6 @@ pub fn usual_page() -> usize {
 
 /// A parsed query whose values are not checked yet.
 pub trait Asked: DeserializeOwned {
-    /// The checked values.
     type Values;
 
     /// The values.

@@ -20,7 +20,6 @@ pub enum Refusal {
     /// A value is of another kind or out of range.
     #[error("must be {expected}")]
     Unexpected { expected: String },
-    /// Anything else.
     #[error("cannot be read: {reason}")]
     Unreadable { reason: String },
 }

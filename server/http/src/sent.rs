@@ -181,7 +181,6 @@ pub fn json_text<T: for<'de> Deserialize<'de>>(text: &[u8]) -> Result<T, AppErro
 enum Sent<'de> {
     /// From a query: numbers and flags are parsed from a text.
     Text(Cow<'de, str>),
-    /// From JSON.
     Json(Value),
 }
 

@@ -41,12 +41,10 @@ pub type ConnectingTls = Arc<ClientConfig>;
 /// Why TLS cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum BadTls {
-    /// Our certificate.
     #[error(
         "`tls_certificate` must be a file with our certificate in PEM, and then those that issued it"
     )]
     Certificate,
-    /// Our key.
     #[error("`tls_key` must be a file with the private key of `tls_certificate` in PEM")]
     Key,
     /// Certificates of others.

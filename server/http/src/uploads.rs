@@ -1,5 +1,3 @@
-//! Limits of uploads.
-
 use std::time::Duration;
 
 /// What an upload may take.

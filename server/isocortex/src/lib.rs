@@ -1,4 +1,4 @@
-//! The program: configuration, and the commands that start the application.
+#![doc = include_str!("../README.md")]
 
 pub mod cli;
 pub mod config;

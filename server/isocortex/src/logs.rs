@@ -1,5 +1,3 @@
-//! Writes log lines.
-
 use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -17,7 +17,6 @@ use crate::state::Pacs;
 use crate::transfer::{TransferError, end};
 use crate::values::ArrivalSource;
 
-/// Fetches a series.
 pub(crate) const FETCH: JobKind = JobKind::new("fetch", "retrieval");
 
 /// The terms of a retrieval.
@@ -83,7 +82,6 @@ pub(crate) struct Received {
     pub(crate) expected: Option<usize>,
 }
 
-/// Fetches series.
 pub(crate) struct FetchSeries(pub(crate) Pacs);
 
 #[async_trait]

@@ -1,8 +1,7 @@
 //! Opens the case of a study that a viewer of the PACS names: OHIF (`StudyInstanceUIDs`), Stone (`study`, `series`) and
 //! IID-style (`requestType=STUDY`, `studyUID` or `accessionNumber`).
 //!
-//! The page removes the identifiers from the address and the history of the browser before it does anything else, and
-//! sends them in the body of a request, with the token in a header.
+//! The page first removes the identifiers from the address and the history of the browser; it sends them in the body of a request.
 
 use axum::body::Bytes;
 use axum::extract::State;

@@ -1,11 +1,4 @@
-//! The PACS interface: images come by DICOMweb (STOW-RS) or DIMSE (C-STORE), or are fetched from configured nodes
-//! (QIDO-RS, WADO-RS), viewers of the PACS open cases by the UIDs of their studies, and results are sent back as DICOM
-//! objects. It is no archive: what came is not found or retrieved here.
-//!
-//! All of a PACS is here, with tables of its own ([`PacsTables`]): what comes (`series`, on the rows of `store`), and results.
-//!
-//! Only the framing of messages is read in this process, by bounded parsers. Data sets are read by the limited child of
-//! `cases`.
+#![doc = include_str!("../README.md")]
 
 mod address;
 mod arrivals;

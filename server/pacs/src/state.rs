@@ -63,7 +63,6 @@ impl Pacs {
         }
     }
 
-    /// The application.
     pub fn cases(&self) -> &Cases {
         &self.arrivals.cases
     }

@@ -177,7 +177,6 @@ fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
 /// The images of a request.
 struct Images<'a> {
     pacs: &'a Pacs,
-    /// Who sends them.
     holder: Holder,
     study: Option<Uid>,
     /// Read, and not durable yet.

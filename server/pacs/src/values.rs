@@ -1,8 +1,7 @@
 //! What comes from a PACS, series that arrive, and the results that are sent to it.
 //!
 //! Each instance is an object that its arrival refers to, from the moment it is acknowledged until its series is
-//! forgotten. A series is due when nothing has come for it for a while; reading it is then a job. An image that comes
-//! meanwhile fences that job off.
+//! forgotten. An image that comes while a job reads its series fences that job off.
 
 use std::time::Duration;
 
@@ -40,9 +39,7 @@ macro_rules! words {
 words! {
     /// How a series came.
     ArrivalSource {
-        /// By STOW-RS.
         Stow = "stow",
-        /// By C-STORE.
         CStore = "c-store",
         /// It was fetched from a node.
         Retrieval = "retrieval",
@@ -67,7 +64,6 @@ words! {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Taken {
-    /// What it becomes.
     #[serde(rename = "as")]
     pub(crate) kind: TakenAs,
     /// Whether missing slices are interpolated.
@@ -129,7 +125,6 @@ pub(crate) struct Rejected {
 /// What became of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Reception {
-    /// It is new.
     New,
     /// It was there, and stays as it is.
     Known,

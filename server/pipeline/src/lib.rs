@@ -1,7 +1,4 @@
-//! From the bytes of an upload to everything that a case needs.
-//!
-//! There is no async here: the code runs on a blocking thread of a worker, and directly under the command line. The
-//! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
+#![doc = include_str!("../README.md")]
 
 mod affine;
 pub mod atlas;
@@ -58,7 +55,6 @@ pub use self::head_limits::HeadLimits;
 pub use self::source::{Source, StoredBrain, keeping_form, read_volume};
 pub use imaging::Limits;
 
-/// A case, computed.
 #[derive(Debug)]
 pub struct Prepared {
     /// The brain mask on the working grid, before closing.
@@ -343,7 +339,6 @@ fn pool_of(threads: usize) -> Result<rayon::ThreadPool, Failure> {
     })
 }
 
-/// Prepares cases.
 #[derive(Debug, Clone, Default)]
 pub struct Pipeline {
     extractor: Arc<Extractor>,

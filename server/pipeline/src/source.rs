@@ -15,7 +15,6 @@ const MOST_INTENSITY: f64 = 1e9;
 /// 0.5 and 1, so that double precision leaves about seven digits of this.
 const LEAST_RANGE: f64 = 1e-9;
 
-/// The uploaded files.
 #[derive(Debug, Clone, Default)]
 pub struct Source {
     pub volume: Bytes,

@@ -75,7 +75,6 @@ pub struct DividedCase<'a> {
     pub parameters: &'a Parameters,
     /// The brain before closing.
     pub brain: &'a BrainMask,
-    /// The closed brain.
     pub envelope: &'a Envelope,
     /// The intensities around it.
     pub volume: &'a Volume,

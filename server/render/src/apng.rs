@@ -1,5 +1,3 @@
-//! Animated PNG.
-
 use std::io::Write;
 use std::num::NonZeroU32;
 use std::sync::{Arc, Mutex, PoisonError};

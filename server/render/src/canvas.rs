@@ -32,7 +32,6 @@ impl Canvas {
         }
     }
 
-    /// The picture's size.
     pub(crate) fn size(&self) -> FrameSize {
         self.size
     }
@@ -155,7 +154,6 @@ impl Canvas {
         }
     }
 
-    /// The picture.
     pub(crate) fn into_frame(self) -> Frame {
         Frame::new(self.size, self.format, self.bytes)
     }

@@ -1,5 +1,3 @@
-//! Colour maps.
-
 mod viridis;
 
 use std::str::FromStr;

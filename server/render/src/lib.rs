@@ -1,18 +1,4 @@
-//! A scene and a camera in, a picture out.
-//!
-//! `Scene + RenderRequest → Frame → PNG`
-//!
-//! A [`RenderBackend`] is one way to draw. Camera, window, colour map and light are shared by all of them.
-//! [`draw_splat`] draws the isosurface {depth = D} on the CPU by projecting the voxels of a thin shell (section 3.3 of
-//! the paper) and correcting every pixel along its line of sight; [`draw_trace`] follows every line of sight to the
-//! isosurface itself and is the reference for the others; [`draw_mesh`] draws the facets of a shrunk mesh;
-//! [`draw_slice`] draws a slice with the contours of the isosurfaces. All give the same bytes for the same request on
-//! every machine and for any number of threads: pixels are computed with additions, multiplications, divisions and
-//! square roots alone, which IEEE 754 rounds in one way, and no sum is split between threads.
-//!
-//! World space is DICOM's patient space: LPS, in millimetres. *View space* is the same space turned as the
-//! camera looks: x to the right of the picture, y up, z towards the viewer.
-
+#![doc = include_str!("../README.md")]
 #![warn(missing_docs)]
 
 mod annotate;

@@ -27,7 +27,6 @@ impl From<&MapProjection> for Look {
 }
 
 impl Look {
-    /// The picture's size.
     pub(crate) fn size(&self) -> FrameSize {
         match self {
             Self::Parallel(projection) => projection.size(),

@@ -1,5 +1,3 @@
-//! Display windows.
-
 use crate::RenderError;
 use crate::error::checked;
 

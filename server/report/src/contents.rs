@@ -90,7 +90,6 @@ pub(crate) struct Overview<'a> {
     pub(crate) rows: Vec<(String, Vec<Picture<'a>>)>,
 }
 
-/// A text.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Line(pub(crate) Vec<Piece>);
 

@@ -1,5 +1,4 @@
-//! The report of a reading: the findings of a case, their pictures and numbers, as one file that needs nothing from elsewhere.
-//! Its contents are told once, and written as HTML or as PDF. Values in, bytes out: the same values give the same bytes.
+#![doc = include_str!("../README.md")]
 
 mod contents;
 mod html;

@@ -178,7 +178,6 @@ impl Words {
         text.replace('.', &self.decimal.to_string())
     }
 
-    /// See [`Case::identity`].
     pub(crate) fn identity(&self, case: &Case) -> String {
         case.identity_with(|day| self.of_page("case.added").replace("{day}", day))
     }

@@ -1,4 +1,4 @@
-//! Cases over HTTP: an axum router on top of the application, and the page.
+#![doc = include_str!("../README.md")]
 
 pub mod app;
 pub mod routes;

@@ -21,7 +21,6 @@ use http::uploads::UploadLimits;
 /// What HTTP may ask of the server, and who may ask.
 #[derive(Debug, Clone)]
 pub struct HttpOptions {
-    /// The access rules.
     pub access: Access,
     /// What uploads may take.
     pub uploads: UploadLimits,
@@ -40,7 +39,6 @@ pub struct HttpOptions {
 /// It holds no answers of its own: caches are filled from the store, so a restarted server gives the same bytes.
 #[derive(Debug, Clone, FromRef)]
 pub struct AppState {
-    /// The application.
     pub cases: Cases,
     bodies: Bodies,
     metrics: Metrics,
@@ -83,7 +81,6 @@ impl AppState {
         &self.metrics
     }
 
-    /// The access rules.
     pub fn access(&self) -> &Access {
         &self.access
     }

@@ -1,6 +1,4 @@
-//! Translates the shaders to the page's language, GLSL ES 3.00, and writes them into `web/shaders/`.
-//!
-//! `cargo run -p shader-translate` writes the files; with `--check` it writes nothing and fails if one of them is stale.
+#![doc = include_str!("../README.md")]
 
 mod colors;
 mod names;

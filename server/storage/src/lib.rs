@@ -1,34 +1,4 @@
-//! The store of cases: immutable objects, and rows that list the objects of each case.
-//!
-//! A case becomes visible, and later ready, by one transaction after its objects are durable: it exists completely or
-//! not at all, even if the process is killed at any moment. Everything but the uploaded files is derived from them: a
-//! missing or damaged derived object is rebuilt.
-//!
-//! | object | what | why it is stored |
-//! |---|---|---|
-//! | `source-volume`, `source-mask` | the uploaded bytes; for DICOM files, the volume made from them | everything else comes from them |
-//! | `source-dicom` | identifying attributes and UIDs of DICOM files | apart from the pixels, read by nothing but its own route |
-//! | `mask` | runs of the working grid | clients can request it, and an extracted brain must not change |
-//! | `volume` | 16-bit intensities, cropped to the envelope | reading the source means unpacking and checking the whole head |
-//! | `envelope` | runs of the working grid | the closing costs more than reading 20 kB |
-//! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
-//! | `paths` | the table of the default mesh | the first request of a client |
-//! | `maps` | the maps of the junction, or why there are none | computing them takes seconds |
-//! | `instance` | a DICOM file from a PACS | a series becomes a case only when all of it is there, and late images change it |
-//! | `result` | a DICOM object made from a case | it is sent again, with the same bytes, until the PACS has it |
-//! | `source-layer` | the uploaded bytes of a layer; for DICOM files, the volume made from them | the layer comes from them |
-//! | `layer` | 16-bit values of a layer, cropped to the envelope where it lies | reading the source and registering it takes seconds |
-//! | `manifest` | the parameters and the names of the sources of a case or a layer ([`Manifest`]) | after a restore of older rows, what was uploaded since is submitted again |
-//!
-//! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
-//! of milliseconds, no longer than reading and checking their tens of megabytes.
-//!
-//! Other crates may have tables beside those of the store ([`tables`]).
-//!
-//! Every object is pinned before it is written and gets an expired pin when a case no longer needs it. A sweep leaves a
-//! tombstone on each unneeded object, deletes the object and buries the tombstone. So a removal never
-//! deletes an object that another process is about to reference, a killed process leaves nothing behind, and no
-//! transaction waits for the object store.
+#![doc = include_str!("../README.md")]
 
 #[cfg(test)]
 mod conformance;

@@ -51,7 +51,6 @@ pub(crate) struct FilesBelow {
 }
 
 impl FilesBelow {
-    /// Finds the files.
     pub(crate) fn open(place: Place, limit: u64) -> Result<Self, DicomError> {
         let mut files = Self {
             single: None,

@@ -28,7 +28,6 @@ const PROGRAM_BYTES: u64 = 512 << 20;
 /// How many times as large as a file its uncompressed pixels may be.
 const UNPACKING: u64 = 16;
 
-/// Reads single files.
 #[derive(Debug)]
 pub struct FileReader {
     program: Program,

@@ -1,9 +1,4 @@
-//! Confined processes, which read the files of strangers and prepare heads: an order in, values out.
-//!
-//! Hostile files can make parsers and decoders run for ever, exhaust memory, or abort the process. So the program
-//! starts itself again, as `isocortex read-dicom`, for each upload: a process with limits on memory, time and open
-//! files, without environment, which opens the spooled files and the files for its results, confines itself (`confine.rs`), and only
-//! then looks at what it reads. Its output is trusted as little as its input. If it dies, the upload is rejected and the server continues.
+#![doc = include_str!("../README.md")]
 
 mod child;
 mod confine;

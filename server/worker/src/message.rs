@@ -25,7 +25,6 @@ pub(crate) enum Order {
     Marks(HeaderOrder),
     /// Read the attributes of stored files.
     Stored(StoredOrder),
-    /// Prepare a case.
     Prepare(Box<PrepareOrder>),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
     Confine,

@@ -1,8 +1,7 @@
 //! Preparations in processes of their own.
 //!
-//! A preparation takes hundreds of megabytes and seconds of every processor, of a file that anybody may have made. In a process of
-//! its own it has limits that the kernel keeps, its memory is free as soon as it ends, and a crash is the end of one case. The process is
-//! confined (`confine.rs`) before it reads the upload, and its results are checked like all that is read from the store.
+//! The kernel keeps its limits, its memory is free as soon as it ends, and a crash is the end of one case. It is confined (`confine.rs`)
+//! before it reads the upload, and its results are checked like all that is read from the store.
 
 use std::fs::File;
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};

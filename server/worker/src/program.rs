@@ -81,7 +81,6 @@ fn this_program() -> io::Result<Command> {
     Ok(command)
 }
 
-/// A running child.
 pub(crate) struct Process {
     pub(crate) child: Child,
     orders: Option<ChildStdin>,

@@ -121,7 +121,6 @@ impl SeriesReader {
         answer.ok().flatten().ok_or_else(silent)
     }
 
-    /// Runs the child.
     pub(crate) async fn run(&self, order: &Order) -> Result<ExitStatus, Error> {
         let status = self.run_within(order).await.map_err(cannot_run)?;
         status.ok_or_else(|| too_slow(self.longest).into())

@@ -19,7 +19,6 @@ pub enum Input<'a> {
     Path(&'a Path),
     /// The files below a directory that was made for this reading.
     Directory(&'a TempDir),
-    /// One spooled file.
     Spooled(&'a Spooled),
 }
 

@@ -1,5 +1,3 @@
-//! What is recorded.
-
 use std::net::IpAddr;
 use std::sync::Arc;
 
@@ -48,30 +46,23 @@ impl EventKind {
 /// What was done: the letters of DICOM audit messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 pub enum Action {
-    /// Something was made.
     #[serde(rename = "C")]
     Create,
-    /// Something was read.
     #[serde(rename = "R")]
     Read,
-    /// Something was changed.
     #[serde(rename = "U")]
     Update,
-    /// Something was deleted.
     #[serde(rename = "D")]
     Delete,
-    /// Something was run.
     #[serde(rename = "E")]
     Execute,
 }
 
-/// How it ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
     /// It was allowed, and then done: if it was not, a line with the same request states the failure.
     Allowed,
-    /// It was done.
     Success,
     /// Refused, or impossible.
     MinorFailure,
@@ -82,9 +73,7 @@ pub enum Outcome {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
     pub kind: EventKind,
-    /// What was done.
     pub action: Action,
-    /// How it ended.
     pub outcome: Outcome,
     /// What it was done with, in one word, such as `picture`.
     pub object: &'static str,

@@ -44,7 +44,6 @@ pub struct Break {
     pub kind: BreakKind,
 }
 
-/// What is wrong.
 #[derive(Debug, PartialEq, Eq)]
 pub enum BreakKind {
     /// It is no line of a record.

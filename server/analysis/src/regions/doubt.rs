@@ -46,7 +46,6 @@ const LEAST_WIDTH: f64 = 0.55;
 pub struct RegionNumbers {
     /// The volumes inside the envelope, in ml.
     pub cerebrum_ml: f64,
-    /// Of the cerebellum.
     pub cerebellum_ml: f64,
     /// Of the brain stem, below its narrowest place.
     pub brain_stem_ml: f64,
@@ -94,10 +93,7 @@ pub enum RegionDoubt {
     NoAxes,
     /// A part of the brain is not where it should be.
     #[error("no white matter was found where the {part} should be")]
-    NoSeeds {
-        /// The missing part.
-        part: &'static str,
-    },
+    NoSeeds { part: &'static str },
     /// The cerebellum is too small or too large.
     #[error("the cerebellum would be {:.1} % of the brain; 7 to 16 % are expected", 100.0 * .share)]
     CerebellumVolume { share: f64 },
@@ -189,7 +185,6 @@ pub(super) fn one_hemisphere(lattice: &Lattice) -> Option<RegionDoubt> {
     (width < LEAST_WIDTH).then_some(RegionDoubt::OneHemisphere { width })
 }
 
-/// Measures the parts.
 pub(super) fn measure(
     lattice: &Lattice,
     (parts, deep): (&Parts, &[u8]),

@@ -28,9 +28,7 @@ pub struct Rejection {
 /// What an instance is and which series it belongs to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InstanceIdentity {
-    /// What it is.
     pub sop_class_uid: Uid,
-    /// Which one.
     pub sop_instance_uid: Uid,
     pub uids: SeriesUids,
     /// The accession number of its study.

@@ -1,5 +1,3 @@
-//! Prepares cases.
-
 use std::any::Any;
 use std::sync::atomic::AtomicBool;
 

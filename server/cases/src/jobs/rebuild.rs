@@ -9,7 +9,6 @@ use super::usual_terms;
 use crate::library::Library;
 use crate::runner::{End, Failed, Running, Terms, Work};
 
-/// Rebuilds a case.
 pub(super) struct Rebuild(pub(super) Library);
 
 #[async_trait]

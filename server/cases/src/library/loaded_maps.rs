@@ -110,9 +110,7 @@ impl LoadedMaps {
 /// The state of the maps of a case.
 #[derive(Debug, Clone)]
 pub enum MapsState {
-    /// They are available.
     Ready(Arc<LoadedMaps>),
-    /// There are none.
     Undefined(NoMaps),
     /// They are being computed.
     Making,

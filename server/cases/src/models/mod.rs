@@ -59,7 +59,6 @@ pub enum ModelError {
     /// The case has only the surface of the whole brain.
     #[error(transparent)]
     NoSurfaces(NoSurfaces),
-    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
 }

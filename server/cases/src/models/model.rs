@@ -67,7 +67,6 @@ pub enum PathsError {
     /// The case was deleted.
     #[error("the case was deleted")]
     Deleted,
-    /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The mesh cannot be made.
@@ -138,7 +137,6 @@ impl WarmModel {
         self.loaded.surface
     }
 
-    /// The model itself.
     pub fn model(&self) -> &Arc<DeformableModel> {
         &self.loaded.model
     }

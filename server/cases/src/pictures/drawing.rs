@@ -1,5 +1,3 @@
-//! Drawing of pictures.
-
 use render::choice::Renderer;
 use render::{
     Hits, MapDisc, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
@@ -26,9 +24,7 @@ pub async fn backend_for(picture: &PictureRequest, graphics: &Graphics) -> Rende
 /// A picture to draw, and its backend. Cheap to clone, except for its mesh.
 #[derive(Debug, Clone)]
 pub struct PictureJob {
-    /// The picture.
     pub job: RenderJob,
-    /// The requested renderer.
     pub asked: Renderer,
     pub backend: RenderBackend,
 }
@@ -104,10 +100,8 @@ async fn warm_job(
     })
 }
 
-/// A finished picture.
 #[derive(Debug)]
 pub struct DrawnPicture {
-    /// The picture.
     pub rendered: RenderedFrame,
     /// The backend that drew it.
     pub backend: RenderBackend,

@@ -101,10 +101,8 @@ impl ImageMetadata {
     }
 }
 
-/// An encoded picture.
 #[derive(Debug)]
 pub struct EncodedImage {
-    /// The file.
     pub png: Vec<u8>,
     /// The backend that drew it.
     pub backend: RenderBackend,

@@ -77,7 +77,6 @@ pub enum GraphicsState {
     Starting,
     /// There is none; the reason.
     Absent(&'static str),
-    /// The adapter.
     Present(AdapterSummary),
 }
 

@@ -196,7 +196,6 @@ pub struct LayerChoice {
 pub struct LayerStyle {
     /// The values of the first and the last colour, or of black and white.
     pub window: [f64; 2],
-    /// Its colours.
     pub colormap: ColorMap,
     /// Values up to this are transparent; `None` shows every defined value.
     pub threshold: Option<f64>,

@@ -23,11 +23,8 @@ pub struct PicturePlan {
 /// How pictures become one answer.
 #[derive(Debug, Clone)]
 pub enum Layout {
-    /// Each for itself.
     Separate,
-    /// On one page.
     Sheet {
-        /// The page.
         plan: SheetPlan,
         /// The row and the column of each picture.
         cells: Vec<[usize; 2]>,

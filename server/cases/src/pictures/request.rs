@@ -402,7 +402,6 @@ impl PictureRequest {
         (!versions.is_empty()).then(|| versions.join(", "))
     }
 
-    /// The requested layers.
     pub fn layers(&self) -> LayerChoice {
         LayerChoice {
             layer: self.layer.clone(),
@@ -474,7 +473,6 @@ impl CheckedPicture {
         })
     }
 
-    /// The view.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }

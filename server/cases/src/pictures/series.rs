@@ -37,7 +37,6 @@ pub struct SeriesPicture {
     pub request: PictureRequest,
     /// The depth that it shows.
     pub depth: ShownDepth,
-    /// Its pixels.
     pub drawn: DrawnPicture,
     /// Its state and its annotation.
     pub metadata: ImageMetadata,

@@ -242,7 +242,6 @@ enum ObliquePlane {
 pub enum SliceKind {
     /// Across an axis of the patient.
     Standard(SlicePlane),
-    /// In any direction.
     Oblique,
 }
 
@@ -270,7 +269,6 @@ impl std::str::FromStr for SliceKind {
 /// A checked request for a slice of any case.
 #[derive(Debug, Clone)]
 pub struct CheckedSlice {
-    /// The request.
     pub asked: SliceQuery,
     /// The position; by default the middle of the case.
     position_mm: Option<f64>,
@@ -372,7 +370,6 @@ pub struct SlicePicture {
 
 #[derive(Debug)]
 pub struct DrawnSlice {
-    /// Its PNG file.
     pub png: Vec<u8>,
     pub projection: Projection,
     /// Its plane, if that is oblique.

@@ -61,7 +61,6 @@ pub(crate) struct Weights(Vec<Vec<f32>>);
 /// The weights of one layer.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Parameters<'a> {
-    /// Its kernel.
     pub(crate) weights: &'a [f32],
     /// The bias of each output; empty for none.
     pub(crate) bias: &'a [f32],

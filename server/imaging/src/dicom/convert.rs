@@ -26,7 +26,7 @@ const NO_PIXELS: DicomError = DicomError::Damaged {
 
 /// A source of files: a directory, an archive, memory.
 pub trait Files {
-    /// Number of files.
+    /// The number of files.
     fn count(&self) -> usize;
 
     /// All bytes of a file, by its number.

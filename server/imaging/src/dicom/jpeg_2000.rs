@@ -12,7 +12,6 @@ struct Size {
     is_exact: bool,
 }
 
-/// One frame.
 pub(super) struct Decoded {
     pub(super) samples: Vec<i32>,
     /// The number of bits of each, by the codestream.
@@ -23,7 +22,6 @@ pub(super) struct Decoded {
     pub(super) is_exact: bool,
 }
 
-/// Decodes one frame.
 pub(super) fn decode(packed: &[u8], [columns, rows]: [usize; 2]) -> Result<Decoded, &'static str> {
     const DAMAGED: &str = "its JPEG 2000 codestream is damaged";
     let size = read_size(packed, [columns, rows])?;

@@ -11,8 +11,7 @@
 //! of parallel slices are rejected by name.
 //!
 //! A walk over the structure of each file compares every length with the available bytes. Only then does `dicom-object`
-//! parse the few wanted attributes. Even so, parsers and decoders of untrusted files belong in a separate process with
-//! limits on memory and time.
+//! parse the few wanted attributes. Even so, untrusted files belong in a separate process with limits.
 //!
 //! Source: the DICOM standard, parts 3, 5 and 10, at <https://www.dicomstandard.org>.
 

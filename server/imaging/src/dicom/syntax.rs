@@ -1,5 +1,3 @@
-//! Transfer syntaxes.
-
 /// The UIDs of the transfer syntaxes that can be read, the plainest first.
 pub const TRANSFER_SYNTAXES: [&str; 12] = [
     "1.2.840.10008.1.2.1",
@@ -37,7 +35,6 @@ pub(crate) enum Packing {
     Unsupported(&'static str),
 }
 
-/// A transfer syntax.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Syntax {
     pub(crate) encoding: Encoding,

@@ -13,7 +13,6 @@ pub(crate) trait Element: Copy + PartialOrd {
     const BYTES: usize;
     /// Whether the type is an integer type.
     const WHOLE: bool;
-    /// The number 0.
     const ZERO: Self;
     /// From [`Self::BYTES`] bytes, the least significant first.
     fn from_little_endian(bytes: &[u8]) -> Self;

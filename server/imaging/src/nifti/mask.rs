@@ -1,5 +1,3 @@
-//! Reads masks.
-
 use geometry::Mask;
 
 use crate::{ImagingError, Limits};

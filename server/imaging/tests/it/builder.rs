@@ -89,7 +89,6 @@ impl Nifti {
         }
     }
 
-    /// The file.
     pub(crate) fn bytes(&self) -> Vec<u8> {
         let header = if self.version == 1 {
             self.nifti_1()
@@ -99,7 +98,6 @@ impl Nifti {
         [header, self.data.clone()].concat()
     }
 
-    /// The file, packed.
     pub(crate) fn packed(&self) -> Vec<u8> {
         pack(&self.bytes())
     }

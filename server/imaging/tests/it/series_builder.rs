@@ -101,7 +101,6 @@ impl DataSet {
             .collect()
     }
 
-    /// A whole file.
     pub(crate) fn file(self) -> Vec<u8> {
         let mut meta = DataSet::new(Syntax::Explicit);
         meta.text([2, 0x10], "UI", self.syntax.uid());

@@ -65,13 +65,10 @@ pub struct Config {
     pub page: Page,
     /// Images from a PACS.
     pub pacs: Pacs,
-    /// Preparation of cases.
     pub prepare: Prepare,
     /// The proxy by which people sign in, if there is one.
     pub proxy: Option<Proxy>,
-    /// Rendering.
     pub render: Render,
-    /// The store.
     pub storage: Storage,
     /// The file that this was read from, if it was.
     #[serde(skip)]
@@ -111,7 +108,6 @@ pub enum ConfigError {
     /// A file cannot be read.
     #[error("{what} {} cannot be read: {source}", .path.display())]
     Unreadable {
-        /// What it is.
         what: &'static str,
         path: PathBuf,
         source: std::io::Error,
@@ -126,10 +122,7 @@ pub enum ConfigError {
     #[error(
         "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, from `-12:00` to `+14:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
     )]
-    TimeZone {
-        /// The value.
-        zone: String,
-    },
+    TimeZone { zone: String },
     /// The token is too weak.
     #[error(transparent)]
     Token(#[from] BadToken),
@@ -173,10 +166,7 @@ pub enum ConfigError {
     #[error(
         "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
     )]
-    OpenToStrangers {
-        /// The configured address.
-        listen: SocketAddr,
-    },
+    OpenToStrangers { listen: SocketAddr },
     /// An address of the store is invalid.
     #[error("`{key}`: {source}")]
     Address {
@@ -212,10 +202,7 @@ pub enum ConfigError {
     #[error(
         "the `address` of the peer `{aet}` in `pacs.dimse.peers` must be an address, a network such as 10.0.0.0/8, or the name of a host"
     )]
-    PeerAddress {
-        /// Its title.
-        aet: String,
-    },
+    PeerAddress { aet: String },
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -223,10 +210,7 @@ pub enum ConfigError {
     DimseTls,
     /// The folder of the store is something else.
     #[error("`storage.data` is {}, which is no folder; name a folder, or one that does not exist yet", .folder.display())]
-    NoFolder {
-        /// What it is.
-        folder: PathBuf,
-    },
+    NoFolder { folder: PathBuf },
     /// Two listeners cannot have one port.
     #[error(
         "`http.listen` and `pacs.dimse.listen` have the same port {port}; choose another one for C-STORE"
@@ -245,10 +229,7 @@ pub enum ConfigError {
     #[error(
         "`limits.child_bytes` must be at least {least}: one process needs as much for a volume of `limits.max_voxels`"
     )]
-    ChildBytes {
-        /// The fewest bytes.
-        least: u64,
-    },
+    ChildBytes { least: u64 },
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero { key: &'static str },

@@ -34,7 +34,6 @@ pub struct Pacs {
     /// The zone of the dates and times of sources that do not state it: an offset such as `-03:00`, or a name such as
     /// `America/Sao_Paulo`.
     pub time_zone: Option<String>,
-    /// Images by C-STORE.
     pub dimse: Dimse,
     /// Nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,

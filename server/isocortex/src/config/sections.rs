@@ -14,7 +14,6 @@ use pipeline::HeadLimits;
 use pipeline::atlas::AtlasChoice;
 use serde::Deserialize;
 
-/// The default address.
 pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8640);
 
 /// `[http]`: address and access.
@@ -250,7 +249,6 @@ impl Default for Prepare {
     }
 }
 
-/// `[render]`: rendering.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Render {
@@ -275,7 +273,6 @@ impl Default for Render {
     }
 }
 
-/// `[storage]`: the store.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Storage {

@@ -12,7 +12,6 @@ use serde::Deserialize;
 /// The longest name of a token.
 const MAX_NAME: usize = 64;
 
-/// The whole file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {

@@ -228,13 +228,11 @@ struct Messages<'a> {
     ignores_other_objects: bool,
     /// Whether the rejection notes of the peer count.
     may_reject: bool,
-    /// What is recorded.
     event: Event,
     /// Whether it is on record that images come.
     is_announced: bool,
 }
 
-/// What comes next.
 enum State {
     /// The rest of a command.
     Command(Vec<u8>),

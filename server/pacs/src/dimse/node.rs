@@ -60,7 +60,6 @@ pub enum BadStorageNode {
         "an application entity title must be 1 to 16 printable characters without spaces and backslashes"
     )]
     Aet,
-    /// Its address.
     #[error("`address` must be a host and a port, such as `pacs.example:104`")]
     Address,
 }

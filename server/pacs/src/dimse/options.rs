@@ -31,7 +31,6 @@ pub struct DimseOptions {
     pub tls: Option<ReloadedTls>,
     /// Whether objects that are no images are accepted and not kept; otherwise they are refused.
     pub ignores_other_objects: bool,
-    /// What is counted.
     pub counts: Arc<AssociationCounts>,
     /// The record of who does what.
     pub audit: Audit,

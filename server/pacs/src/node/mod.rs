@@ -15,15 +15,12 @@ pub use self::web::{Credentials, WebNode};
 /// Why a node of the configuration cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum BadNode {
-    /// Its name.
     #[error("the name of a node must be 1 to 32 letters, digits, hyphens or underscores")]
     Name,
-    /// Its address.
     #[error(
         "`url` must be http:// or https://, a host and a path, without a name, a password or a query"
     )]
     Address,
-    /// Its credentials.
     #[error("the credentials of a node have characters that no header can have")]
     Credentials,
     /// The roots of TLS.

@@ -151,7 +151,6 @@ pub(crate) struct AskedWindow {
     pub(crate) function: Function,
 }
 
-/// A turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Swivel {
     pub(crate) range_degrees: f64,
@@ -190,7 +189,6 @@ fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 }
 
 impl<'a> RenderedQuery<'a> {
-    /// Checks the keys.
     pub(crate) fn read(keys: &'a BTreeMap<String, String>) -> Result<Self, AppError> {
         // An unknown key may be a misspelt one, without which the picture would be another.
         let known = KEYS.map(|(name, _)| name);

@@ -195,7 +195,6 @@ impl Composer {
         self.study.clone()
     }
 
-    /// The result.
     pub(crate) fn instance(&self) -> Uid {
         let uid = uid_of(&self.digest);
         Uid::parse(&uid).expect("digits and points are a UID")

@@ -274,9 +274,7 @@ impl StudyRequest {
 #[derive(Debug, Clone)]
 pub(crate) enum Plan {
     Pictures(PicturePlan),
-    /// A segmentation.
     Mask(MaskPlan),
-    /// A rejection note.
     KeyObject(KeyObjectPlan),
     /// What readers have marked.
     Findings(FindingsPlan),

@@ -1,8 +1,7 @@
 //! Series that come from a PACS, image by image, and become cases.
 //!
-//! An image is durable before it is acknowledged. Once nothing has come for a series for a while, it is read as a whole
-//! and becomes a case, or nothing, for a reason that is kept. Late images make a new version of the case; what was made of an image that is
-//! corrected or rejected since is closed (`case::images`).
+//! Once nothing has come for a series for a while, it is read as a whole and becomes a case, or nothing, for a reason that is kept. Late
+//! images make a new version of the case.
 
 mod becomes;
 mod contradiction;

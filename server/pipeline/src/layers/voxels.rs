@@ -18,7 +18,6 @@ const LAST_CODE: f64 = u16::MAX as f64;
 /// The greatest magnitude of a value, as for the window of a picture.
 const MOST: f32 = 1e9;
 
-/// The greatest label.
 const MOST_LABEL: f32 = 16_777_215.0;
 
 /// The most different labels.

@@ -55,7 +55,6 @@ impl<K: Copy + Eq + Hash, V> Cache<K, V> {
         }
     }
 
-    /// Keeps a value.
     pub(super) fn insert(&mut self, key: K, value: V, bytes: u64) {
         self.make_room(bytes);
         self.clock += 1;
@@ -63,7 +62,6 @@ impl<K: Copy + Eq + Hash, V> Cache<K, V> {
         self.entries.insert(key, Entry { value, bytes, used });
     }
 
-    /// Forgets everything.
     pub(super) fn clear(&mut self) {
         self.entries.clear();
     }

@@ -75,7 +75,6 @@ pub(super) struct Pipelines {
 }
 
 impl Pipelines {
-    /// Compiles the shaders.
     pub(super) fn new(open: &OpenDevice) -> Self {
         let device = &open.device;
         let case_layout = case_layout(device);

@@ -88,7 +88,6 @@ impl GpuRenderer {
         renderer.open.fault().map_or(Ok(renderer), Err)
     }
 
-    /// Frees memory.
     pub(super) fn free_memory(&mut self) {
         self.cases.clear();
         self.layers.clear();
@@ -97,7 +96,6 @@ impl GpuRenderer {
         self.vertices = None;
     }
 
-    /// Draws a picture.
     pub(super) fn draw(&mut self, job: &GpuJob) -> Result<RenderedFrame, GpuError> {
         let call = &job.call();
         let surface = surface_of(call);

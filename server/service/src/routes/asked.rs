@@ -47,7 +47,6 @@ pub struct Question<'a, Q> {
     pub id: CaseId,
     /// The rest of the route.
     pub route: &'static str,
-    /// The checked query.
     pub query: &'a Q,
     /// The headers of the request.
     pub request: &'a HeaderMap,

@@ -50,7 +50,6 @@ impl Extent {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct BodyKey {
     pub id: CaseId,
-    /// The content.
     pub kind: BodyKind,
     pub coding: Coding,
 }

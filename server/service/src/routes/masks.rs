@@ -86,7 +86,6 @@ pub async fn get_envelope(
     answer(&cases, id, query.asked, &request, wanted).await
 }
 
-/// The requested mask.
 struct Wanted {
     route: &'static str,
     kinds: &'static [ObjectKind],

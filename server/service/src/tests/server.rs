@@ -85,7 +85,6 @@ impl Answer {
     }
 }
 
-/// A multipart form.
 pub(super) fn form(parts: &[Part<'_>]) -> Vec<u8> {
     let mut body = Vec::new();
     for (name, bytes) in parts {

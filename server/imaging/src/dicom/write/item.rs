@@ -65,7 +65,6 @@ impl Item {
         self.put(tag, VR::OB, PrimitiveValue::U8(bytes.into()))
     }
 
-    /// Adds a sequence.
     pub(super) fn items(&mut self, tag: Tag, items: impl IntoIterator<Item = Self>) -> &mut Self {
         let items: Vec<_> = items.into_iter().map(|item| item.0).collect();
         let sequence = DataSetSequence::from(items);

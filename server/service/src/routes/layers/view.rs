@@ -245,7 +245,6 @@ impl LayerView {
         }
     }
 
-    /// An added layer.
     pub(in crate::routes) fn of_layer(layer: &Layer) -> Self {
         let parameters = &layer.parameters;
         let view = Self {

@@ -116,7 +116,6 @@ impl ContactSheet {
     }
 }
 
-/// An animated PNG.
 pub(super) struct Animation {
     /// Present after the first picture, which determines size and format.
     begun: Option<AnimatedPng>,

@@ -28,7 +28,6 @@ pub(in crate::routes) struct Incoming<'a> {
     store: &'a Store,
     metrics: &'a Metrics,
     limits: UploadLimits,
-    /// The deadline.
     end: Instant,
 }
 
