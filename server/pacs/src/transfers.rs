@@ -6,6 +6,7 @@ use axum::response::Response;
 use case::{CaseId, JobState};
 use cases::pictures::check_count;
 use serde::{Deserialize, Serialize};
+use storage::tables::{jobs, series};
 use storage::{JobQuery, ListCursor};
 use utoipa::{IntoParams, ToSchema};
 
@@ -122,14 +123,14 @@ pub(crate) async fn list_retrievals(
     State(pacs): State<Pacs>,
     ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let store = pacs.store();
+    let mut connection = pacs.store().connect().await?;
     let mut page = RetrievalList {
         retrievals: Vec::new(),
         next: None,
     };
     let key_prefix = match asked.of.case {
         None => String::new(),
-        Some(case) => match store.series_of(&case).await? {
+        Some(case) => match series::of_case(&mut connection, &case).await? {
             Some(series) => Wanted::key_prefix(&series.uids),
             // It did not come from a node.
             None => return Ok(fresh_json(StatusCode::OK, &page)),
@@ -140,9 +141,9 @@ pub(crate) async fn list_retrievals(
         state: asked.of.state,
         key_prefix,
     };
-    let (found, next) = store
-        .jobs(&query, asked.after.as_ref(), asked.limit)
-        .await?;
+    let after = asked.after.as_ref();
+    let (found, next) = jobs::page(&mut connection, &query, after, asked.limit).await?;
+    drop(connection);
     page.next = next.map(|cursor| cursor.to_string());
     for retrieval in found {
         page.retrievals

@@ -5,6 +5,7 @@ use case::{CaseState, Closed, Failure};
 use cases::{Error, Patient};
 use serde_json::Value;
 use storage::ObjectName;
+use storage::tables::series::cases_of;
 
 use super::{Arrivals, Head};
 use crate::values::{
@@ -120,7 +121,8 @@ impl Arrivals {
         let is_other = |other: &Other| !is_head(&other.uids, other.patient.as_ref());
         let mut others: Vec<_> = others.filter(is_other).collect();
         // Arrivals are forgotten before their cases. What was corrected says nothing any more, nor what the series has a head instead of.
-        for series in self.store().cases_of(query).await? {
+        let cases = cases_of(&mut self.store().connect().await?, query).await?;
+        for series in cases {
             let case = self.store().case(&series.case).await?;
             if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
                 continue;
@@ -181,7 +183,8 @@ impl Arrivals {
         telling.retain(says_something);
         let patients = self.patients_of_series(&telling).await?;
         let mut patients: Vec<_> = patients.into_iter().flatten().collect();
-        for series in self.store().cases_of(&query).await? {
+        let cases = cases_of(&mut self.store().connect().await?, &query).await?;
+        for series in cases {
             let case = self.store().case(&series.case).await?;
             if case.is_some_and(|case| case.closed.is_none())
                 && let Some(source) = self.cases.attributes_of(&series.case).await?

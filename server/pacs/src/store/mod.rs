@@ -215,7 +215,7 @@ impl PacsStore {
     pub(crate) async fn queue_due_series(&self, terms: &DueTerms) -> Result<usize, StoreError> {
         // Most queries find nothing and must not wait for writers.
         let mut reader = self.connect().await?;
-        let now = self.now(&mut reader).await?;
+        let now = reader.now().await?;
         let found = arrivals::due(&mut reader, terms, now).await?;
         drop(reader);
         if found.is_empty() {
