@@ -7,7 +7,7 @@ use case::{CaseId, JobState};
 use cases::pictures::check_count;
 use serde::{Deserialize, Serialize};
 use storage::tables::{jobs, series};
-use storage::{JobQuery, ListCursor};
+use storage::{Cursor, JobQuery};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::arrivals::value;
@@ -61,7 +61,7 @@ pub(crate) struct RetrievalList {
 #[derive(Debug)]
 pub(crate) struct Checked {
     of: TransferQuery,
-    after: Option<ListCursor>,
+    after: Option<Cursor>,
     limit: usize,
 }
 
@@ -78,7 +78,7 @@ impl Asked for ListQuery {
                 case: value("case", &self.case, a_case, CaseId::parse)?,
                 state: value("state", &self.state, a_state, JobState::from_name)?,
             },
-            after: value("after", &self.after, cursor, ListCursor::parse)?,
+            after: value("after", &self.after, cursor, Cursor::parse)?,
             limit: self.limit,
         })
     }

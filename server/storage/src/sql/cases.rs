@@ -594,12 +594,8 @@ async fn page(
     limit: usize,
 ) -> Result<Page, StoreError> {
     let until = query.until.map_or(i64::MAX, Timestamp::as_microsecond);
-    let (created_at, id) = match after {
-        Some(cursor) if cursor.created_at.as_microsecond() < until => {
-            (cursor.created_at.as_microsecond(), cursor.id.to_string())
-        }
-        _ => (until, String::new()),
-    };
+    let after = after.filter(|cursor| cursor.at < until);
+    let (created_at, id) = after.map_or((until, ""), |cursor| (cursor.at, &cursor.id));
     let study = query.study.as_ref().map(Uid::as_str);
     let series = query.series.as_ref().map(Uid::as_str);
     let number = query.accession_number.as_ref().map(AccessionNumber::as_str);
@@ -625,10 +621,9 @@ async fn page(
         args.append(&mut args![study, series, number, patient]);
     }
     let rows = connection.fetch_all(statement, args).await?;
-    let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let more = cases.len() > limit;
-    cases.truncate(limit);
-    let next = cases.last().filter(|_| more).map(Cursor::after);
+    let cases = rows.iter().map(read).collect::<Result<_, _>>()?;
+    let place = |case: &Case| (case.created_at, case.id.to_string());
+    let (cases, next) = Cursor::page(cases, limit, place);
     Ok(Page { cases, next })
 }
 

@@ -9,7 +9,7 @@ use super::claims::{self, Wanted};
 use super::connection::{Connection, Row, microseconds, new_id};
 use crate::args;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
-use crate::{ListCursor, Store, StoreError};
+use crate::{Cursor, Store, StoreError};
 
 impl Store {
     /// Queues a job, unless there is an open one of its kind and key; returns the open one. `None` if there is no such
@@ -301,10 +301,10 @@ pub async fn latest_of_key(
 pub async fn page(
     connection: &mut Connection,
     query: &JobQuery,
-    after: Option<&ListCursor>,
+    after: Option<&Cursor>,
     limit: usize,
-) -> Result<(Vec<Job>, Option<ListCursor>), StoreError> {
-    let (at, id) = ListCursor::place(after);
+) -> Result<(Vec<Job>, Option<Cursor>), StoreError> {
+    let (at, id) = Cursor::place(after);
     let rows = connection
         .fetch_all(
             select_job!(
@@ -323,8 +323,8 @@ pub async fn page(
         )
         .await?;
     let jobs = rows.iter().map(read).collect::<Result<_, _>>()?;
-    Ok(ListCursor::page(jobs, limit, |job: &Job| {
-        (job.created_at, &job.id)
+    Ok(Cursor::page(jobs, limit, |job: &Job| {
+        (job.created_at, job.id.clone())
     }))
 }
 

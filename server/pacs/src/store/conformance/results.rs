@@ -10,7 +10,7 @@ use storage::testing::failure;
 use storage::testing::steps::{
     delete_rows, insert_case, mark, objects_of_tables, pinned, unneeded, unpin,
 };
-use storage::{Claim, LayerName, LayerUpload, ListCursor, Made, ObjectName, StoreError};
+use storage::{Claim, Cursor, LayerName, LayerUpload, Made, ObjectName, StoreError};
 
 use super::Subject;
 use crate::store::PacsStore;
@@ -165,7 +165,7 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
         ids.push(queue(store, &new_result(case, node, "one")).await.id);
     }
     ids.reverse();
-    let list = async |query: &TransferQuery, after: Option<&ListCursor>, limit| {
+    let list = async |query: &TransferQuery, after: Option<&Cursor>, limit| {
         let (page, next) = store.results(query, after, limit).await.unwrap();
         let ids: Vec<_> = page.into_iter().map(|result| result.id).collect();
         (ids, next)
