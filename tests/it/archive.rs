@@ -17,27 +17,27 @@ use crate::pacs::{BOUNDARY, related};
 /// The study and the series of files.
 type Uids = (String, String);
 
-type Held = Arc<Mutex<BTreeMap<Uids, Vec<Vec<u8>>>>>;
+type Stored = Arc<Mutex<BTreeMap<Uids, Vec<Vec<u8>>>>>;
 
 pub(crate) struct Archive {
-    held: Held,
+    stored: Stored,
     pub(crate) address: SocketAddr,
 }
 
 impl Archive {
     /// An empty one.
     pub(crate) async fn start() -> Self {
-        let held = Held::default();
+        let stored = Stored::default();
         let of_series = "/rs/studies/{study}/series/{series}";
         let routes = Router::new()
             .route("/rs/studies", get(studies))
             .route("/rs/studies/{study}/series", get(series))
             .route(of_series, get(files))
-            .with_state(Arc::clone(&held));
+            .with_state(Arc::clone(&stored));
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         tokio::spawn(async move { axum::serve(listener, routes).await.unwrap() });
-        Self { held, address }
+        Self { stored, address }
     }
 
     /// The address of its DICOMweb root.
@@ -47,8 +47,8 @@ impl Archive {
 
     /// Has these files in place of those that the series had.
     pub(crate) fn hold(&self, study: &str, series: &str, files: Vec<Vec<u8>>) {
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        held.insert((study.to_owned(), series.to_owned()), files);
+        let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        stored.insert((study.to_owned(), series.to_owned()), files);
     }
 }
 
@@ -58,18 +58,18 @@ fn one(vr: &str, value: impl Into<Value>) -> Value {
     json!({"vr": vr, "Value": [value]})
 }
 
-async fn studies(State(held): State<Held>) -> Response {
-    let held = held.lock().unwrap_or_else(PoisonError::into_inner);
-    let studies = held
+async fn studies(State(stored): State<Stored>) -> Response {
+    let stored = stored.lock().unwrap_or_else(PoisonError::into_inner);
+    let studies = stored
         .keys()
         .map(|(study, _)| json!({"0020000D": one("UI", study.clone())}));
     Json(studies.collect::<Vec<_>>()).into_response()
 }
 
 /// Whatever series is asked for: the client looks for its own.
-async fn series(State(held): State<Held>, Path(study): Path<String>) -> Response {
-    let held = held.lock().unwrap_or_else(PoisonError::into_inner);
-    let of_study = held.iter().filter(|((of, _), _)| *of == study);
+async fn series(State(stored): State<Stored>, Path(study): Path<String>) -> Response {
+    let stored = stored.lock().unwrap_or_else(PoisonError::into_inner);
+    let of_study = stored.iter().filter(|((of, _), _)| *of == study);
     let item = |((_, series), files): (&Uids, &Vec<Vec<u8>>)| {
         let count = one("IS", files.len());
         json!({"0020000E": one("UI", series.clone()), "00201209": count})
@@ -80,9 +80,9 @@ async fn series(State(held): State<Held>, Path(study): Path<String>) -> Response
     }
 }
 
-async fn files(State(held): State<Held>, Path(uids): Path<Uids>) -> Response {
-    let held = held.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(files) = held.get(&uids) else {
+async fn files(State(stored): State<Stored>, Path(uids): Path<Uids>) -> Response {
+    let stored = stored.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(files) = stored.get(&uids) else {
         return StatusCode::NOT_FOUND.into_response();
     };
     let kind = format!("multipart/related; type=\"application/dicom\"; boundary={BOUNDARY}");

@@ -337,7 +337,7 @@ async fn sent(server: &Server) {
     let store = server.pacs.cases().store();
     let send = case::JobKind::new("send", "delivery");
     let leased = store.claim(send, 3).await.unwrap().expect("a result");
-    assert!(store.finish(&leased).await.unwrap());
+    assert!(store.finish(&leased, Ok(())).await.unwrap());
 }
 
 #[tokio::test]

@@ -12,7 +12,7 @@ use cases::jobs::start_workers;
 use cases::models::{Models, WarmModel};
 use geometry::phantom::head;
 use pipeline::Source;
-use storage::{Options, Store};
+use storage::{CaseQuery, Options, Store};
 
 /// The directory of the store that a victim is to open.
 const DIRECTORY: &str = "ISOCORTEX_KILL_DIRECTORY";
@@ -75,7 +75,7 @@ async fn victim() {
     let directory =
         PathBuf::from(std::env::var_os(DIRECTORY).expect("it is started by another test"));
     let tenths = std::env::var(RADIUS).unwrap().parse().unwrap();
-    let library = Library::of(Store::open(&directory).await.unwrap());
+    let library = Library::of(Store::open(&directory, Options::default()).await.unwrap());
     make_ready(&library, tenths).await;
 }
 
@@ -140,14 +140,20 @@ fn assert_nothing_left_over(directory: &Path, ready: u32) {
 
 /// What a killed process left: each case whole, or still to be prepared.
 async fn assert_whole(library: &Library) {
-    for case in library.store().cases(None, 1000).await.unwrap().cases {
+    for case in library
+        .store()
+        .cases(&CaseQuery::default(), None, 1000)
+        .await
+        .unwrap()
+        .cases
+    {
         match case.state {
             CaseState::Ready => drop(model(library, &case.id).await),
             CaseState::Queued | CaseState::Preparing => {}
             CaseState::Failed => panic!("{:?}", case.failure),
         }
     }
-    assert_eq!(library.store().counters().bad_objects, 0);
+    assert_eq!(library.store().signals().counters().bad_objects, 0);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -176,13 +182,23 @@ async fn kills_at_random_moments_lose_nothing_and_leave_nothing_half_there() {
         victim.kill().unwrap();
         victim.wait().unwrap();
 
-        let library = Library::of(Store::open(directory.path()).await.unwrap());
+        let library = Library::of(
+            Store::open(directory.path(), Options::default())
+                .await
+                .unwrap(),
+        );
         eprintln!("kill {kill} of {kills} after {moment:?} of {undisturbed:?}");
         assert_nothing_left_over(directory.path(), kill + 1);
         assert_whole(&library).await;
         make_ready(&library, tenths).await;
         assert_eq!(
-            library.store().cases(None, 1000).await.unwrap().cases.len(),
+            library
+                .store()
+                .cases(&CaseQuery::default(), None, 1000)
+                .await
+                .unwrap()
+                .cases
+                .len(),
             kill as usize + 1
         );
     }
@@ -195,12 +211,12 @@ async fn kills_at_random_moments_lose_nothing_and_leave_nothing_half_there() {
 
 /// Compares every case with one that was prepared in peace.
 async fn assert_same_as_undisturbed(directory: &Path, kills: u32) {
-    let survived = Library::of(Store::open(directory).await.unwrap());
+    let survived = Library::of(Store::open(directory, Options::default()).await.unwrap());
     let peaceful = Library::of(Store::in_memory(Options::default()).await.unwrap());
     for tenths in 100..=100 + kills {
         let id = make_ready(&peaceful, tenths).await;
         let [here, there] = [model(&survived, &id).await, model(&peaceful, &id).await];
         assert!(here.model() == there.model(), "{tenths}");
     }
-    assert_eq!(survived.store().counters().rebuilds, 0);
+    assert_eq!(survived.store().signals().counters().rebuilds, 0);
 }

@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use case::{CaseId, LayerId, ObjectKind, Parameters};
+use case::{CaseId, LayerId, ObjectKind};
 use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload};
 
 use crate::application::Cases;
@@ -75,15 +75,9 @@ impl Cases {
                 if upload.case_id(parameters) != case {
                     return Ok(Again::Impossible);
                 }
-                let parameters = Parameters {
-                    name: self.label_of(&upload).await?,
-                    ..parameters.clone()
-                };
+                let label = self.label_of(&upload).await?;
                 let series = SeriesOfUpload::read(&upload).await?;
-                if !store
-                    .adopt_case(manifest_name, manifest, parameters)
-                    .await?
-                {
+                if !store.adopt(manifest_name, manifest, label).await? {
                     return Ok(Again::Known);
                 }
                 self.index(case, series).await?;
@@ -97,7 +91,7 @@ impl Cases {
                 if LayerId::of(volume.digest(), dicom, parameters) != *id {
                     return Ok(Again::Impossible);
                 }
-                match store.adopt_layer(manifest_name, manifest).await {
+                match store.adopt(manifest_name, manifest, None).await {
                     Ok(true) => Ok(Again::Layer(*id)),
                     Ok(false) => Ok(Again::Known),
                     Err(StoreError::NoSuchCase) => Ok(Again::Impossible),
@@ -143,10 +137,12 @@ fn in_order(manifests: &mut [(ObjectName, Manifest)]) {
 mod tests {
     use std::path::Path;
 
-    use case::{CaseState, LayerParameters};
+    use case::{CaseState, LayerParameters, Parameters};
     use pipeline::Source;
     use storage::testing::{assert_nothing_left_over, files_below, objects_below};
-    use storage::{LayerName, LayerUpload, Location, NewMask, ObjectsAddress, Store, Version};
+    use storage::{
+        LayerName, LayerUpload, Location, NewMask, ObjectsAddress, Opening, Store, Version,
+    };
     use tempfile::TempDir;
 
     use super::*;
@@ -163,28 +159,28 @@ mod tests {
         async fn new() -> Self {
             let [objects, backup] = [(); 2].map(|()| tempfile::tempdir().unwrap());
             let restored = Self { objects, backup };
-            let store = restored.store(&restored.backup, true).await;
+            let store = restored.store(&restored.backup, Opening::OrMake).await;
             store.close().await;
             restored
         }
 
-        async fn store(&self, folder: &TempDir, create: bool) -> Store {
+        async fn store(&self, folder: &TempDir, opening: Opening) -> Store {
             let location = Location {
                 objects: Some(ObjectsAddress::Folder(self.objects.path().to_owned())),
                 ..folder.path().into()
             };
             let options = storage::Options {
-                create,
+                opening,
                 ..options()
             };
-            Store::open_at(&location, options).await.unwrap()
+            Store::open(location, options).await.unwrap()
         }
 
         async fn open(&self) -> (TempDir, Cases) {
             let folder = tempfile::tempdir().unwrap();
             let rows = |of: &TempDir| of.path().join("rows.sqlite");
             std::fs::copy(rows(&self.backup), rows(&folder)).unwrap();
-            let store = self.store(&folder, false).await;
+            let store = self.store(&folder, Opening::Existing).await;
             (folder, application(store, ""))
         }
 
@@ -264,7 +260,7 @@ mod tests {
         );
         for (case, count) in [(first, 1), (second, 1), (third, 2)] {
             assert_eq!(store.layers(&case).await.unwrap().len(), count);
-            let objects = store.case_objects(&case).await.unwrap();
+            let objects = store.objects_of(&case).await.unwrap();
             assert!(
                 cases
                     .library
@@ -332,7 +328,7 @@ mod tests {
     #[tokio::test]
     async fn what_the_rows_know_is_left_alone() {
         let directory = tempfile::tempdir().unwrap();
-        let store = Store::open_with(directory.path(), options()).await;
+        let store = Store::open(directory.path(), options()).await;
         let cases = application(store.unwrap(), "");
         let case = submitted(&cases, source("volume")).await;
         layer(&cases, case, "T2").await;

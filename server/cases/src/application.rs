@@ -96,7 +96,7 @@ pub enum StartError {
 /// If the store or the network cannot be opened.
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
-    let store = Store::open_at(&options.location, options.store.clone()).await?;
+    let store = Store::open(options.location.clone(), options.store.clone()).await?;
     tracing::info!("brains are extracted {}", extractor.words());
     let pipeline = Pipeline::new(extractor).with_threads(options.preparation_threads);
     let preparation = match options.prepares_apart {
@@ -343,7 +343,7 @@ impl Cases {
             return self.whole_volume(id).await;
         }
         let read = async {
-            let names = self.store().case_objects(id).await?;
+            let names = self.store().objects_of(id).await?;
             let Some(source) = self.library.source(id, &names).await? else {
                 return Err(Error::from(Failure::source_damaged()));
             };

@@ -11,6 +11,7 @@ use imaging::dicom::{Mark, MarkedPatient};
 use jiff::Timestamp;
 use pipeline::findings::voxels_of;
 use pipeline::maps::side_at;
+use storage::tables::made;
 use storage::{FindingsVersion, Made, Replaced, StoreError, StoredFindings};
 
 use crate::patient::Patient;
@@ -271,10 +272,9 @@ impl Cases {
 impl Cases {
     /// Whether two cases were made of different images with the same UID.
     async fn differ(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
-        let [images, others] = [
-            self.store().made_of(&Made::case(one)).await?,
-            self.store().made_of(&Made::case(other)).await?,
-        ];
+        let mut connection = self.store().connect().await?;
+        let images = made::of(&mut connection, &Made::case(one)).await?;
+        let others = made::of(&mut connection, &Made::case(other)).await?;
         let others: HashMap<_, _> = others.iter().map(|image| (&image.uid, image)).collect();
         Ok(images.iter().any(|image| {
             let other = others.get(&image.uid);

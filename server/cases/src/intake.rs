@@ -151,7 +151,7 @@ impl Cases {
         }
         let series = SeriesOfUpload::read(&upload).await?;
         let store = self.store_of_client();
-        let submitted = store.submit_after(upload, parameters, previous).await?;
+        let submitted = store.submit(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
         offer.keep_if(submitted.created);
         Ok(submitted)
@@ -230,7 +230,7 @@ impl Cases {
     }
 
     async fn check_version(&self, version: &Version) -> Result<(Parameters, OfferedUpload), Error> {
-        let names = self.store().case_objects(&version.of).await?;
+        let names = self.store().objects_of(&version.of).await?;
         let id = version.id(&names).ok_or(Error::NoSuchCase)?;
         let parameters = version.parameters.clone();
         if self.is_accepted(&id).await? {

@@ -108,7 +108,7 @@ async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
             // In the first hour nobody has to do anything.
             let why = why.filter(|why| *why != Waiting::FirstHour);
             if let Some(why) = why.filter(|_| waiting.is_due(store.uptime())) {
-                let cases = store.expired_count().await.ok();
+                let cases = store.row_counts().await.ok().map(|counts| counts.expired);
                 tracing::warn!(
                     cases,
                     "cases older than storage.keep_days stay: {}",

@@ -217,7 +217,7 @@ impl Cases {
     /// # Errors
     /// [`Error::NoSuchLayer`], or an error of the store.
     pub async fn delete_layer(&self, case: &CaseId, id: &LayerId) -> Result<(), Error> {
-        match self.store().delete_layer(case, id).await? {
+        match self.store().delete((case, id)).await? {
             true => Ok(()),
             false => Err(Error::NoSuchLayer),
         }

@@ -232,7 +232,7 @@ impl Library {
     /// for this is handed to an idle worker.
     ///
     /// # Errors
-    /// As [`Store::submit_upload`].
+    /// As [`Store::submit`].
     pub async fn submit(
         &self,
         source: Source,
@@ -273,7 +273,7 @@ impl Library {
         let offer = read.map_or_else(OfferedUpload::default, |read| {
             self.decoded_uploads().offer(id, read, None)
         });
-        let submitted = self.store().submit_upload(upload, parameters).await?;
+        let submitted = self.store().submit(upload, parameters, None).await?;
         offer.keep_if(submitted.created);
         Ok(submitted)
     }
@@ -373,7 +373,7 @@ impl Library {
         let Some(case) = self.store().case(id).await? else {
             return Ok(());
         };
-        let names = self.store().case_objects(id).await?;
+        let names = self.store().objects_of(id).await?;
         let rebuilt = match self.source(id, &names).await? {
             Some(mut source) => {
                 source.brain = self.extracted(&case, &names).await?;
@@ -393,7 +393,7 @@ impl Library {
             Ok(derived) => {
                 let framed = frame_all(derived.objects).await?;
                 self.store()
-                    .publish(Publisher::Rebuild(id), &framed, &derived.facts)
+                    .publish(Publisher::Ready(id.into()), &framed)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
                 tracing::warn!(

@@ -155,7 +155,7 @@ impl Cases {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn attributes_of(&self, case: &CaseId) -> Result<Option<Attributes>, StoreError> {
-        let objects = self.store().case_objects(case).await?;
+        let objects = self.store().objects_of(case).await?;
         self.attributes_among(case, &objects).await
     }
 
@@ -203,7 +203,7 @@ mod tests {
     #[tokio::test]
     async fn a_store_that_fails_is_an_error_and_not_a_case_that_states_no_patient() {
         let directory = tempfile::tempdir().unwrap();
-        let store = Store::open_with(directory.path(), options());
+        let store = Store::open(directory.path(), options());
         let cases = application(store.await.unwrap(), "");
         let stored =
             r#"{"attributes":[["PatientID","P-1"]],"instances":[],"interpolated_slices":[]}"#;

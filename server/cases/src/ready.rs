@@ -22,13 +22,13 @@ pub async fn check_ready(store: &Store) -> Result<(), Error> {
 /// # Errors
 /// [`Error::Unavailable`] if they do not, [`Error::Mismatch`].
 pub async fn check_before_upload(store: &Store) -> Result<(), Error> {
-    within(READY_WITHIN, store.check_id()).await
+    within(READY_WITHIN, store.id()).await.map(drop)
 }
 
-async fn within(
+async fn within<T>(
     limit: Duration,
-    check: impl Future<Output = Result<(), StoreError>>,
-) -> Result<(), Error> {
+    check: impl Future<Output = Result<T, StoreError>>,
+) -> Result<T, Error> {
     let checked = tokio::time::timeout(limit, check).await;
     let checked = checked.map_err(|_elapsed| {
         tracing::warn!("the store does not answer in time");
@@ -52,11 +52,11 @@ mod tests {
 
     #[tokio::test]
     async fn a_store_that_does_not_answer_is_unavailable_and_a_full_one_is_full() {
-        let hung = within(Duration::ZERO, pending()).await;
+        let hung = within::<()>(Duration::ZERO, pending()).await;
         assert!(matches!(hung, Err(Error::Unavailable)), "{hung:?}");
         assert!(within(READY_WITHIN, ready(Ok(()))).await.is_ok());
         let full = StoreError::Disk(ErrorKind::StorageFull.into());
-        let full = within(READY_WITHIN, ready(Err(full))).await;
+        let full = within::<()>(READY_WITHIN, ready(Err(full))).await;
         assert!(matches!(full, Err(Error::StorageFull)), "{full:?}");
     }
 }

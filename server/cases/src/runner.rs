@@ -260,7 +260,7 @@ impl Lane {
         );
         let (progress, mut seen) = watch::channel(None);
         let ended = match self.attend(work, &claim, progress, &seen).await {
-            Attended::Ended(Ok(End::Done)) => self.store.finish(&claim).await,
+            Attended::Ended(Ok(End::Done)) => self.store.finish(&claim, Ok(())).await,
             Attended::Ended(Ok(End::Settled)) => Ok(true),
             Attended::Ended(Err(Failed::Forever(failure))) => self.fail(&claim, &failure).await,
             Attended::Ended(Err(Failed::ForNow(failure))) => {
@@ -386,7 +386,7 @@ impl Lane {
         let case = claim.case.map(|case| case.short());
         tracing::info!(kind, job = claim.fence, case, reason, "a job failed");
         self.count(claim.kind, Count::Failed);
-        self.store.fail(claim, failure).await
+        self.store.finish(claim, Err(failure)).await
     }
 
     /// Puts a job off for as long again as it has waited, within limits.
@@ -488,6 +488,7 @@ mod tests {
     use std::sync::atomic::AtomicUsize;
 
     use case::JobState;
+    use storage::tables::{jobs, new_id};
     use storage::{Job, NewJob};
 
     use super::*;
@@ -565,16 +566,18 @@ mod tests {
     }
 
     async fn queue(store: &Store, payload: &str) -> String {
-        let key = format!("{payload} {}", store.waiting(KIND).await.unwrap());
         let new = NewJob {
             payload: payload.to_owned(),
-            ..NewJob::new(KIND, key)
+            ..NewJob::new(KIND, new_id())
         };
         store.enqueue(&new).await.unwrap().unwrap().id
     }
 
     async fn job(store: &Store, id: &str) -> Job {
-        store.job(id).await.unwrap().unwrap()
+        jobs::one(&mut store.connect().await.unwrap(), id)
+            .await
+            .unwrap()
+            .unwrap()
     }
 
     fn work(stub: &Arc<Stub>) -> Arc<dyn Work> {

@@ -2,6 +2,7 @@
 
 use case::Case;
 use case::series::CaseSeries;
+use storage::tables::series;
 use storage::{CaseQuery, Cursor, StoreError};
 
 use crate::application::Cases;
@@ -25,13 +26,13 @@ impl Cases {
     pub async fn search(
         &self,
         query: &CaseQuery,
-        after: Option<Cursor>,
+        after: Option<&Cursor>,
         limit: usize,
     ) -> Result<(Vec<Found>, Option<Cursor>), StoreError> {
-        let page = self.store().search(query, after, limit).await?;
+        let page = self.store().cases(query, after, limit).await?;
         let mut found = Vec::with_capacity(page.cases.len());
         for case in page.cases {
-            let series = self.store().series_of(&case.id).await?;
+            let series = series::of_case(&mut self.store().connect().await?, &case.id).await?;
             let attributes = match series {
                 Some(_) => self.attributes_of(&case.id).await?,
                 None => None,

@@ -2,6 +2,7 @@
 
 use case::CaseId;
 use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Uid};
+use storage::tables::series;
 use storage::{StoreError, Upload};
 
 use crate::application::Cases;
@@ -67,7 +68,8 @@ impl Cases {
     /// Enters a version under the series of its case.
     pub(crate) async fn index_version(&self, of: &CaseId, case: CaseId) -> Result<(), StoreError> {
         let store = self.store();
-        match store.series_of(of).await? {
+        let series = series::of_case(&mut store.connect().await?, of).await?;
+        match series {
             Some(series) => store.index_series(&CaseSeries { case, ..series }).await,
             None => Ok(()),
         }

@@ -28,4 +28,4 @@ pub use pruning::{PruningParameters, prune_with};
 pub use quality::{Because, Masked, Opinion, Origin, Quality, Reason, Shape, Verdict, judge};
 pub use rim::Rim;
 pub use slices::Slices;
-pub use supplied::{Apart, Comparison};
+pub use supplied::{Comparison, SurfaceDistance};

@@ -16,18 +16,18 @@ pub struct Comparison {
     /// Their overlap (Dice).
     pub overlap: f64,
     /// How far they are apart.
-    pub apart: Apart,
+    pub distance: SurfaceDistance,
     /// How much farther out the supplied mask is at the left than at the right, at the back than in front, and above than below, in mm:
     /// the differences of the mean signed distances. Masks that are shifted or wrong on one side are so along one axis.
     pub lopsided_mm: [f64; 3],
     /// The same with the supplied mask flipped along an axis of the volume, as by a program that reverses an axis: the nearest
     /// flip.
-    pub flipped: Apart,
+    pub flipped: SurfaceDistance,
 }
 
 /// How far two envelopes are apart: from the border of each to the border of the other.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Apart {
+pub struct SurfaceDistance {
     /// The 95th percentile of the distance, in mm.
     pub percentile_95_mm: f64,
     /// The mean signed distance, in mm: positive if the first is larger.
@@ -114,7 +114,7 @@ impl Comparison {
         let flipped = flips(volume_grid).map(|flip| {
             let distances_mm = lengths(from_supplied(flip));
             let area_mm2 = supplied.border_voxel_mm2();
-            Apart::new(&[(distances_mm, area_mm2)])
+            SurfaceDistance::new(&[(distances_mm, area_mm2)])
         });
         drop(to_network);
         let to_supplied = BorderField::new(supplied)?;
@@ -123,7 +123,7 @@ impl Comparison {
             .into_iter()
             .map(|distance_mm| -distance_mm)
             .collect::<Vec<f64>>();
-        let apart = Apart::new(&[
+        let distance = SurfaceDistance::new(&[
             (here, supplied.border_voxel_mm2()),
             (back, network.border_voxel_mm2()),
         ]);
@@ -132,9 +132,9 @@ impl Comparison {
             .flatten()
             .min_by(|a, b| a.rms_mm.total_cmp(&b.rms_mm));
         let overlap = dice(supplied.envelope().mask(), network.envelope().mask());
-        Ok(apart.zip(nearest).map(|(apart, flipped)| Self {
+        Ok(distance.zip(nearest).map(|(distance, flipped)| Self {
             overlap,
-            apart,
+            distance,
             lopsided_mm,
             flipped,
         }))
@@ -144,7 +144,7 @@ impl Comparison {
         [
             self.doubt_of_overlap(),
             self.doubt_of_side(),
-            self.apart.doubt(),
+            self.distance.doubt(),
             self.doubt_of_lopsided(),
         ]
         .into_iter()
@@ -187,7 +187,7 @@ impl Comparison {
 
     /// A flipped mask is one that fits if it is flipped back, and better than it does as it is.
     fn doubt_of_side(&self) -> Option<Doubt> {
-        let is_nearer = self.flipped.rms_mm < NEARER * self.apart.rms_mm;
+        let is_nearer = self.flipped.rms_mm < NEARER * self.distance.rms_mm;
         let is_flipped = is_nearer && !self.flipped.is_far();
         doubt(review_if(is_flipped), "mask-flipped", flipped_sentence)
     }
@@ -240,7 +240,7 @@ fn lopsided(measured: &[(DVec3, f64)]) -> [f64; 3] {
     })
 }
 
-impl Apart {
+impl SurfaceDistance {
     /// From signed distances in mm, in each direction, with the area of each place in mm²; `None` if there are none.
     fn new(directions: &[(Vec<f64>, f64)]) -> Option<Self> {
         let mut lengths_mm = Vec::new();

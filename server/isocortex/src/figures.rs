@@ -103,7 +103,7 @@ fn associations(counts: &AssociationCounts) -> Vec<Figure> {
 
 /// What the store counts in memory.
 fn counts(store: &Store) -> Vec<Figure> {
-    let counters = store.counters();
+    let counters = store.signals().counters();
     let failed = failures();
     let preparations = [
         ("ready", counters.prepared),
@@ -151,11 +151,9 @@ async fn rows(store: &Store) -> Vec<Figure> {
     };
     let of_pacs = PacsStore::new(store.clone()).counts_by_state().await;
     counted.by_state.extend(of_pacs.unwrap_or_default());
-    if let Ok(expired) = store.expired_count().await {
-        let help = "Cases that are older than storage.keep_days and are not removed yet";
-        let waiting = Figure::gauge("isocortex_expired_cases", help);
-        figures.push(waiting.with(&[], expired as f64));
-    }
+    let help = "Cases that are older than storage.keep_days and are not removed yet";
+    let waiting = Figure::gauge("isocortex_expired_cases", help);
+    figures.push(waiting.with(&[], counted.expired as f64));
     for (what, part, name, help) in [
         ("cases", "", "isocortex_cases", "Cases by state"),
         (

@@ -10,7 +10,7 @@ use case::{CaseId, CaseState};
 use cases::pictures::check_count;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use storage::{ListCursor, is_id};
+use storage::{Cursor, is_id};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::error::ReasonView;
@@ -177,7 +177,7 @@ pub(crate) struct PageQuery {
 #[derive(Debug)]
 pub(crate) struct Checked {
     of: ArrivalQuery,
-    after: Option<ListCursor>,
+    after: Option<Cursor>,
     limit: usize,
 }
 
@@ -219,7 +219,7 @@ impl Asked for PageQuery {
                 since: value("since", &self.since, a_time, time)?,
                 until: value("until", &self.until, a_time, time)?,
             },
-            after: value("after", &self.after, cursor, ListCursor::parse)?,
+            after: value("after", &self.after, cursor, Cursor::parse)?,
             limit: self.limit,
         })
     }

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
-use crate::series::{Fitting, Head, Other};
+use crate::series::{Head, Matches, SeriesWithoutCase};
 use crate::state::Pacs;
 use crate::values::ArrivalState;
 use http::fresh::fresh_json;
@@ -314,32 +314,33 @@ fn ignored(pairs: &[(String, String)]) -> Vec<String> {
 }
 
 async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
-    let mut fitting = Fitting::default();
+    let mut matches = Matches::default();
     for query in &asked.queries {
-        let found = pacs.arrivals().fitting(query).await?;
-        fitting.heads.extend(found.heads);
-        fitting.others.extend(found.others);
+        let found = pacs.arrivals().matches(query).await?;
+        matches.heads.extend(found.heads);
+        matches.without_case.extend(found.without_case);
     }
-    let mut others = fitting.others.iter();
-    let is_known = !fitting.heads.is_empty() || others.any(|other| other.patient.is_some());
-    fitting.heads.retain(|head| asked.agrees(head));
-    let agrees =
-        |other: &Other| asked.agrees_with(other.accession_number.as_ref(), other.patient.as_ref());
-    fitting.others.retain(agrees);
-    let mut found = match fitting.heads.first() {
-        Some(_) => opened(&mut fitting),
-        None if is_known && fitting.others.is_empty() => LaunchView {
+    let mut others = matches.without_case.iter();
+    let is_known = !matches.heads.is_empty() || others.any(|other| other.patient.is_some());
+    matches.heads.retain(|head| asked.agrees(head));
+    let agrees = |other: &SeriesWithoutCase| {
+        asked.agrees_with(other.accession_number.as_ref(), other.patient.as_ref())
+    };
+    matches.without_case.retain(agrees);
+    let mut found = match matches.heads.first() {
+        Some(_) => opened(&mut matches),
+        None if is_known && matches.without_case.is_empty() => LaunchView {
             state: "mismatch",
             ..LaunchView::default()
         },
-        None if !fitting.others.is_empty() => without_case(&fitting.others),
+        None if !matches.without_case.is_empty() => without_case(&matches.without_case),
         None => coming(pacs, &asked.queries).await?,
     };
     let is_shown = pacs.shows_patient();
-    let heads = fitting.heads.iter().map(|head| candidate(head, is_shown));
+    let heads = matches.heads.iter().map(|head| candidate(head, is_shown));
     found.candidates = heads.collect();
     if found.state == "choice" {
-        let others = fitting.of_another();
+        let others = matches.of_another();
         let others = others.map(|other| candidate_without_case(other, is_shown));
         found.candidates.extend(others);
     }
@@ -348,13 +349,13 @@ async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
 }
 
 /// The first head, unless there are some of another study or patient.
-fn opened(fitting: &mut Fitting) -> LaunchView {
-    let is_ambiguous = fitting.is_ambiguous();
+fn opened(matches: &mut Matches) -> LaunchView {
+    let is_ambiguous = matches.is_ambiguous();
     let failed = |head: &Head| head.case.state == CaseState::Failed;
-    if !is_ambiguous && !fitting.heads.iter().all(failed) {
-        fitting.heads.retain(|head| !failed(head));
+    if !is_ambiguous && !matches.heads.iter().all(failed) {
+        matches.heads.retain(|head| !failed(head));
     }
-    let Some(first) = fitting.heads.first() else {
+    let Some(first) = matches.heads.first() else {
         return LaunchView::default();
     };
     LaunchView {
@@ -394,7 +395,7 @@ fn candidate(head: &Head, shows_patient: bool) -> CandidateView {
     }
 }
 
-fn candidate_without_case(other: &Other, shows_patient: bool) -> CandidateView {
+fn candidate_without_case(other: &SeriesWithoutCase, shows_patient: bool) -> CandidateView {
     let label = other.label.as_deref().unwrap_or_default();
     CandidateView {
         case: None,
@@ -420,8 +421,8 @@ fn patient(patient: Option<Patient>, is_shown: bool) -> Option<String> {
 }
 
 /// How far series of which there is no case are.
-fn without_case(others: &[Other]) -> LaunchView {
-    let is_received = |other: &Other| other.state == ArrivalState::Receiving;
+fn without_case(others: &[SeriesWithoutCase]) -> LaunchView {
+    let is_received = |other: &SeriesWithoutCase| other.state == ArrivalState::Receiving;
     let (state, reason) = match others.iter().any(is_received) {
         true => ("receiving", None),
         false => (

@@ -8,6 +8,7 @@ use axum::response::Response;
 use case::series::{SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, JobState};
 use serde::{Deserialize, Serialize};
+use storage::tables::jobs;
 use storage::{Job, is_id};
 use utoipa::ToSchema;
 
@@ -124,7 +125,7 @@ pub(crate) async fn queue(
     let wanted = Wanted::new(node.name(), &uids);
     let store = pacs.store();
     let mut new = wanted.job();
-    let latest = store.latest_job(FETCH, &new.key).await?;
+    let latest = jobs::latest(&mut store.connect().await?, FETCH, &new.key).await?;
     // A request while it is fetched may be about images that came since it began.
     if latest.is_some_and(|job| job.state == JobState::Running) {
         new.key.push_str(" again");
@@ -164,7 +165,7 @@ pub(crate) async fn get_retrieval(
     if !is_id(&id) {
         return Err(missing());
     }
-    let job = pacs.store().job(&id).await?;
+    let job = jobs::one(&mut pacs.store().connect().await?, &id).await?;
     let job = job.filter(|job| job.kind == FETCH.name());
     let view = view(&pacs, job.ok_or_else(missing)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))

@@ -8,6 +8,7 @@ use axum::body::Bytes;
 use case::{Failure, JobKind};
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
+use storage::tables::series;
 
 use crate::node::NodeError;
 use crate::series::Contradiction;
@@ -163,7 +164,10 @@ fn contradicted(
 async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(), SendError> {
     let store = pacs.store();
     let of_store = |_| SendError::Store;
-    let why = match store.series_of(&result.case).await.map_err(of_store)? {
+    let mut connection = store.connect().await.map_err(of_store)?;
+    let series = series::of_case(&mut connection, &result.case).await;
+    drop(connection);
+    let why = match series.map_err(of_store)? {
         Some(series) => contradicted(pacs.arrivals().contradiction(&series).await)?,
         None => contradicted(of_study(pacs, result).await)?,
     };

@@ -6,7 +6,8 @@ use axum::response::Response;
 use case::{CaseId, JobState};
 use cases::pictures::check_count;
 use serde::{Deserialize, Serialize};
-use storage::{JobQuery, ListCursor};
+use storage::tables::{jobs, series};
+use storage::{Cursor, JobQuery};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::arrivals::value;
@@ -60,7 +61,7 @@ pub(crate) struct RetrievalList {
 #[derive(Debug)]
 pub(crate) struct Checked {
     of: TransferQuery,
-    after: Option<ListCursor>,
+    after: Option<Cursor>,
     limit: usize,
 }
 
@@ -77,7 +78,7 @@ impl Asked for ListQuery {
                 case: value("case", &self.case, a_case, CaseId::parse)?,
                 state: value("state", &self.state, a_state, JobState::from_name)?,
             },
-            after: value("after", &self.after, cursor, ListCursor::parse)?,
+            after: value("after", &self.after, cursor, Cursor::parse)?,
             limit: self.limit,
         })
     }
@@ -122,14 +123,14 @@ pub(crate) async fn list_retrievals(
     State(pacs): State<Pacs>,
     ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let store = pacs.store();
+    let mut connection = pacs.store().connect().await?;
     let mut page = RetrievalList {
         retrievals: Vec::new(),
         next: None,
     };
     let key_prefix = match asked.of.case {
         None => String::new(),
-        Some(case) => match store.series_of(&case).await? {
+        Some(case) => match series::of_case(&mut connection, &case).await? {
             Some(series) => Wanted::key_prefix(&series.uids),
             // It did not come from a node.
             None => return Ok(fresh_json(StatusCode::OK, &page)),
@@ -140,9 +141,9 @@ pub(crate) async fn list_retrievals(
         state: asked.of.state,
         key_prefix,
     };
-    let (found, next) = store
-        .jobs(&query, asked.after.as_ref(), asked.limit)
-        .await?;
+    let after = asked.after.as_ref();
+    let (found, next) = jobs::page(&mut connection, &query, after, asked.limit).await?;
+    drop(connection);
     page.next = next.map(|cursor| cursor.to_string());
     for retrieval in found {
         page.retrievals

@@ -16,7 +16,7 @@ pub fn of(
     volume_grid: &Grid,
 ) -> Quality {
     let brain_ml = brain.volume_ml();
-    let apart = rating.comparison.map(|comparison| comparison.apart);
+    let distance = rating.comparison.map(|comparison| comparison.distance);
     Quality {
         state: match rating.verdict {
             Verdict::Ok => QualityState::Ok,
@@ -35,9 +35,9 @@ pub fn of(
             contrast: rating.contrast,
             rim: rating.rim.map(|rim| rim.here),
             overlap: rating.comparison.map(|comparison| comparison.overlap),
-            distance_95_mm: apart.map(|apart| apart.percentile_95_mm),
-            distance_mean_mm: apart.map(|apart| apart.mean_mm),
-            distant_cm2: apart.map(|apart| apart.patch_cm2),
+            distance_95_mm: distance.map(|distance| distance.percentile_95_mm),
+            distance_mean_mm: distance.map(|distance| distance.mean_mm),
+            distant_cm2: distance.map(|distance| distance.patch_cm2),
         },
         reasons: (rating.reasons.iter())
             .map(|reason| reason.sentence.clone())

@@ -23,8 +23,9 @@ use super::jobs::{JobQuery, NewJob, Release};
 use super::objects::Objects;
 use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
-use super::testing::{claim, facts, failure, name, new_case, pinned};
-use super::{ObjectName, Options, Store, StoreError};
+use super::tables::{cases, jobs};
+use super::testing::{claim, facts, failure, job, keep, name, new_case, pinned, rename, waiting};
+use super::{CaseQuery, ObjectName, Options, Store, StoreError};
 
 /// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
@@ -194,23 +195,17 @@ pub(crate) async fn a_case_is_inserted_once(subject: &Subject) {
         (case.progress, case.failure, case.facts),
         (None, None, None)
     );
-    assert_eq!(
-        store.case_objects(&new.id).await.unwrap(),
-        new.sources.names
-    );
-    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 1);
+    assert_eq!(store.objects_of(&new.id).await.unwrap(), new.sources.names);
+    assert_eq!(waiting(store, JobKind::PREPARE).await, 1);
 }
 
 pub(crate) async fn a_case_is_renamed(subject: &Subject) {
     let store = &subject.store;
     let new = insert(store, "one").await;
-    store.rename(&new.id, "another name").await.unwrap();
+    rename(store, &new.id, "another name").await;
     let case = store.case(&new.id).await.unwrap().expect("the case");
     assert_eq!(case.parameters.name.as_deref(), Some("another name"));
-    store
-        .rename(&insert(store, "two").await.id, "its own")
-        .await
-        .unwrap();
+    rename(store, &insert(store, "two").await.id, "its own").await;
     let case = store.case(&new.id).await.unwrap().expect("the case");
     assert_eq!(case.parameters.name.as_deref(), Some("another name"));
 }
@@ -231,7 +226,10 @@ pub(crate) async fn cases_are_listed_newest_first_in_pages(subject: &Subject) {
     let mut listed = Vec::new();
     let mut cursor = None;
     for length in [3, 3, 1] {
-        let page = store.cases(cursor, 3).await.unwrap();
+        let page = store
+            .cases(&CaseQuery::default(), cursor.as_ref(), 3)
+            .await
+            .unwrap();
         assert_eq!(page.cases.len(), length);
         listed.extend(
             page.cases
@@ -287,7 +285,7 @@ pub(crate) async fn one_client_takes_a_quarter_of_the_queue(subject: &Subject) {
     subject.pass(20);
     for _ in 0..2 {
         let leased = claim(store).await.unwrap();
-        assert!(store.fail(&leased, &failure()).await.unwrap());
+        assert!(store.finish(&leased, Err(&failure())).await.unwrap());
         subject.pass(5);
     }
     // One of this client and the one of the other have ended meanwhile, and one waits.
@@ -307,7 +305,7 @@ pub(crate) async fn a_failed_case_is_queued_again(subject: &Subject) {
     let new = insert(store, "a").await;
     let created_at = store.case(&new.id).await.unwrap().unwrap().created_at;
     let leased = claim(store).await.unwrap();
-    assert!(store.fail(&leased, &failure()).await.unwrap());
+    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
     let failed = store.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
         (failed.state, failed.failure),
@@ -380,7 +378,7 @@ pub(crate) async fn an_ended_lease_goes_to_another_and_fences_the_first_off(subj
     };
     assert!(!store.renew(&first, None).await.unwrap());
     assert!(!store.release(&first, &release).await.unwrap());
-    assert!(!store.fail(&first, &failure()).await.unwrap());
+    assert!(!store.finish(&first, Err(&failure())).await.unwrap());
     let late = derived(store, "a").await;
     let published = store
         .make_case_ready(&first, &late, &facts(), &[])
@@ -457,7 +455,7 @@ pub(crate) async fn clients_take_turns_with_their_preparations(subject: &Subject
     for _ in 0..cases.len() {
         let leased = claim(store).await.unwrap();
         order.push(cases.iter().position(|case| *case == leased.key).unwrap());
-        assert!(store.fail(&leased, &failure()).await.unwrap());
+        assert!(store.finish(&leased, Err(&failure())).await.unwrap());
         subject.pass(1);
     }
     assert_eq!(order, [0, 3, 4, 1, 2]);
@@ -478,7 +476,7 @@ pub(crate) async fn a_published_case_is_ready_and_its_job_is_gone(subject: &Subj
         (case.state, case.facts, case.progress),
         (CaseState::Ready, Some(facts()), None)
     );
-    let objects = store.case_objects(&new.id).await.unwrap();
+    let objects = store.objects_of(&new.id).await.unwrap();
     assert_eq!(objects.len(), 1 + ObjectKind::DERIVED.len());
     assert!(derived.names.iter().all(|name| objects.contains(name)));
     subject.pass(100_000);
@@ -542,14 +540,14 @@ pub(crate) async fn what_two_cases_need_goes_with_the_second(subject: &Subject) 
         Referred::Done(Inserted::Created)
     );
 
-    assert!(store.delete_case(&first.id).await.unwrap());
-    assert!(!store.delete_case(&first.id).await.unwrap());
+    assert!(store.delete_rows(&first.id).await.unwrap());
+    assert!(!store.delete_rows(&first.id).await.unwrap());
     let looked_at = store.abandoned(10).await.unwrap();
     assert_eq!(looked_at, first.sources.names);
     assert_eq!(removed(store, &looked_at).await, []);
     assert!(store.abandoned(10).await.unwrap().is_empty());
 
-    assert!(store.delete_case(&second.id).await.unwrap());
+    assert!(store.delete_rows(&second.id).await.unwrap());
     let looked_at = store.abandoned(10).await.unwrap();
     assert_eq!(removed(store, &looked_at).await, first.sources.names);
     assert!(store.abandoned(10).await.unwrap().is_empty());
@@ -575,9 +573,9 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
     // The last one is leased and fails; the one before it is leased and goes on.
     let _at_work = claim(store).await.unwrap();
     let failing = claim(store).await.unwrap();
-    assert!(store.fail(&failing, &failure()).await.unwrap());
+    assert!(store.finish(&failing, Err(&failure())).await.unwrap());
     let [old, kept, again, queued, failed] = [0, 1, 2, 3, 4].map(|number| cases[number].id);
-    assert!(store.keep(&kept, true).await.unwrap());
+    assert!(keep(store, &kept, true).await);
     assert!(store.case(&kept).await.unwrap().unwrap().kept);
     assert_eq!(store.expired(age, 10).await.unwrap(), []);
 
@@ -609,12 +607,12 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
             "{id}"
         );
     }
-    assert_eq!(store.case_objects(&old).await.unwrap(), []);
+    assert_eq!(store.objects_of(&old).await.unwrap(), []);
 
     // No longer kept, it is as old as it is.
-    assert!(store.keep(&kept, false).await.unwrap());
+    assert!(keep(store, &kept, false).await);
     assert_eq!(store.expired(age, 10).await.unwrap(), [kept, failed]);
-    assert!(!store.keep(&old, true).await.unwrap(), "it is gone");
+    assert!(!keep(store, &old, true).await, "it is gone");
 }
 
 /// Failed cases, in any number.
@@ -623,7 +621,7 @@ async fn failed_cases(store: &Store, numbers: std::ops::Range<usize>) -> Vec<Cas
     for number in numbers {
         cases.push(insert(store, &format!("case {number}")).await.id);
         let failing = claim(store).await.unwrap();
-        assert!(store.fail(&failing, &failure()).await.unwrap());
+        assert!(store.finish(&failing, Err(&failure())).await.unwrap());
     }
     cases
 }
@@ -754,7 +752,7 @@ pub(crate) async fn a_deleted_case_cannot_be_published(subject: &Subject) {
     let store = &subject.store;
     let new = insert(store, "a").await;
     let leased = claim(store).await.unwrap();
-    assert!(store.delete_case(&new.id).await.unwrap());
+    assert!(store.delete_rows(&new.id).await.unwrap());
     assert!(!store.renew(&leased, None).await.unwrap());
     // The same again is another job: the first one's lease has nothing to do with it.
     insert(store, "a").await;
@@ -772,7 +770,7 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
     let new = insert(store, "a").await;
     let others = derived(store, "b").await;
     assert_eq!(
-        store.replace_objects(&new.id, &others).await.unwrap(),
+        store.refer((&new.id).into(), &others, true).await.unwrap(),
         Referred::Unneeded(Published::Fenced)
     );
     assert!(!store.make_case_failed(&new.id, &failure()).await.unwrap());
@@ -784,10 +782,10 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
         .await
         .unwrap();
     assert_eq!(
-        store.replace_objects(&new.id, &others).await.unwrap(),
+        store.refer((&new.id).into(), &others, true).await.unwrap(),
         Referred::Done(Published::Done)
     );
-    let objects = store.case_objects(&new.id).await.unwrap();
+    let objects = store.objects_of(&new.id).await.unwrap();
     assert!(others.names.iter().all(|name| objects.contains(name)));
     let mut dropped = store.abandoned(10).await.unwrap();
     dropped.sort_by_key(|name| name.kind);
@@ -808,11 +806,11 @@ pub(crate) async fn a_job_is_open_once_and_its_end_is_kept_for_a_while(subject: 
     let first = store.enqueue(&new).await.unwrap().unwrap();
     assert_eq!(first.payload, "[7]");
     assert_eq!(store.enqueue(&new).await.unwrap(), Some(first.clone()));
-    assert_eq!(store.waiting(KIND).await.unwrap(), 1);
+    assert_eq!(waiting(store, KIND).await, 1);
     assert_eq!(store.claim(JobKind::MAPS, 3).await.unwrap(), None);
     let leased = claim().await.unwrap();
     assert_eq!((&leased.id, &*leased.payload), (&first.id, "[7]"));
-    assert_eq!(store.waiting(KIND).await.unwrap(), 0);
+    assert_eq!(waiting(store, KIND).await, 0);
     let running = store.enqueue(&new).await.unwrap().unwrap();
     assert_eq!(
         (running.id, running.state),
@@ -825,35 +823,38 @@ pub(crate) async fn a_job_is_open_once_and_its_end_is_kept_for_a_while(subject: 
         failure: Some(failure()),
     };
     assert!(store.release(&leased, &release).await.unwrap());
-    let waiting = store.job(&first.id).await.unwrap().unwrap();
+    let waiting = job(store, &first.id).await.unwrap();
     assert_eq!(
         (waiting.state, waiting.failure, waiting.attempts),
         (JobState::Queued, Some(failure()), 1)
     );
     subject.pass(5);
     let leased = claim().await.unwrap();
-    assert!(store.finish(&leased).await.unwrap());
-    assert!(!store.finish(&leased).await.unwrap());
+    assert!(store.finish(&leased, Ok(())).await.unwrap());
+    assert!(!store.finish(&leased, Ok(())).await.unwrap());
     assert_eq!(claim().await, None);
-    let done = store.job(&first.id).await.unwrap().unwrap();
+    let done = job(store, &first.id).await.unwrap();
     assert_eq!((done.state, done.attempts), (JobState::Done, 2));
     assert!(done.ended_at.is_some());
     // The same again is another job.
     let again = store.enqueue(&new).await.unwrap().unwrap();
     assert_ne!(again.id, first.id);
     let leased = claim().await.unwrap();
-    assert!(store.fail(&leased, &failure()).await.unwrap());
-    let failed = store.latest_job(KIND, "a key").await.unwrap().unwrap();
+    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
+    let failed = jobs::latest(&mut store.connect().await.unwrap(), KIND, "a key")
+        .await
+        .unwrap()
+        .unwrap();
     assert_eq!(
         (failed.id, failed.state, failed.failure),
         (again.id.clone(), JobState::Failed, Some(failure()))
     );
     subject.pass(3600);
     store.forget_jobs(Duration::from_secs(7200)).await.unwrap();
-    assert!(store.job(&first.id).await.unwrap().is_some());
+    assert!(job(store, &first.id).await.is_some());
     store.forget_jobs(Duration::from_secs(60)).await.unwrap();
-    assert_eq!(store.job(&first.id).await.unwrap(), None);
-    assert_eq!(store.job(&again.id).await.unwrap(), None);
+    assert_eq!(job(store, &first.id).await, None);
+    assert_eq!(job(store, &again.id).await, None);
 }
 
 pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subject) {
@@ -866,7 +867,7 @@ pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subj
         subject.pass(1);
     }
     let first = store.claim(KIND, 3).await.unwrap().unwrap();
-    assert!(store.finish(&first).await.unwrap());
+    assert!(store.finish(&first, Ok(())).await.unwrap());
     let keys = async |state: Option<JobState>, key_prefix: &str| {
         let query = JobQuery {
             kind: KIND,
@@ -876,7 +877,14 @@ pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subj
         // In pages of one.
         let (mut keys, mut after) = (Vec::new(), None);
         loop {
-            let (page, next) = store.jobs(&query, after.as_ref(), 1).await.unwrap();
+            let (page, next) = jobs::page(
+                &mut store.connect().await.unwrap(),
+                &query,
+                after.as_ref(),
+                1,
+            )
+            .await
+            .unwrap();
             keys.extend(page.into_iter().map(|job| job.key));
             match next {
                 Some(next) => after = Some(next),
@@ -910,7 +918,7 @@ pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subj
 pub(crate) async fn a_job_that_needs_a_case_waits_for_it_and_goes_with_it(subject: &Subject) {
     let store = &subject.store;
     let new = insert(store, "a").await;
-    let maps = NewJob::of_ready_case(JobKind::MAPS, &new.id);
+    let maps = NewJob::about(JobKind::MAPS, &new.id);
     let queued = store.enqueue(&maps).await.unwrap().unwrap();
     assert_eq!(store.claim(JobKind::MAPS, 3).await.unwrap(), None);
     let leased = claim(store).await.unwrap();
@@ -921,9 +929,9 @@ pub(crate) async fn a_job_that_needs_a_case_waits_for_it_and_goes_with_it(subjec
     assert_eq!(published.await.unwrap(), Referred::Done(Published::Done));
     let leased = store.claim(JobKind::MAPS, 3).await.unwrap().unwrap();
     assert_eq!((&leased.id, leased.case), (&queued.id, Some(new.id)));
-    store.delete_case(&new.id).await.unwrap();
-    assert!(!store.finish(&leased).await.unwrap());
-    assert_eq!(store.job(&queued.id).await.unwrap(), None);
+    store.delete_rows(&new.id).await.unwrap();
+    assert!(!store.finish(&leased, Ok(())).await.unwrap());
+    assert_eq!(job(store, &queued.id).await, None);
     assert_eq!(
         store.enqueue(&maps).await.unwrap(),
         None,
@@ -942,14 +950,14 @@ pub(crate) async fn a_case_of_another_store_is_copied_as_it_is_there(subject: &S
         .await
         .unwrap();
     let mut ready = store.case(&new.id).await.unwrap().unwrap();
-    let names = store.case_objects(&new.id).await.unwrap();
+    let names = store.objects_of(&new.id).await.unwrap();
     // What is ready here is not made otherwise.
     let again = pinned(store, &names).await;
     assert!(!store.write_copied_case(&preparing, &again).await.unwrap());
     assert_eq!(store.case(&new.id).await.unwrap().unwrap(), ready);
     store.unpin(&again).await.unwrap();
 
-    store.delete_case(&new.id).await.unwrap();
+    store.delete_rows(&new.id).await.unwrap();
     let sources = pinned(store, &new.sources.names).await;
     assert!(store.write_copied_case(&preparing, &sources).await.unwrap());
     let queued = store.case(&new.id).await.unwrap().unwrap();
@@ -957,7 +965,7 @@ pub(crate) async fn a_case_of_another_store_is_copied_as_it_is_there(subject: &S
         (queued.state, queued.created_at),
         (CaseState::Queued, ready.created_at)
     );
-    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 1);
+    assert_eq!(waiting(store, JobKind::PREPARE).await, 1);
 
     ready.parameters.name = Some("another".to_owned());
     assert!(
@@ -967,8 +975,8 @@ pub(crate) async fn a_case_of_another_store_is_copied_as_it_is_there(subject: &S
             .unwrap()
     );
     assert_eq!(store.case(&new.id).await.unwrap().unwrap(), ready);
-    assert_eq!(store.case_objects(&new.id).await.unwrap(), names);
-    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 0);
+    assert_eq!(store.objects_of(&new.id).await.unwrap(), names);
+    assert_eq!(waiting(store, JobKind::PREPARE).await, 0);
 }
 
 pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
@@ -995,7 +1003,9 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
         subject.pass(1);
     }
     let found = async |values: &str, limit| {
-        let cases = store.cases_with_voxels(values, limit).await.unwrap();
+        let cases = cases::with_voxels(&mut store.connect().await.unwrap(), values, limit)
+            .await
+            .unwrap();
         cases.into_iter().map(|case| case.id).collect::<Vec<_>>()
     };
     assert_eq!(found("same", 10).await, [ids[3], ids[2], ids[0]]);
@@ -1005,8 +1015,8 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
     assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
 
     let ready = store.case(&ids[0]).await.unwrap().unwrap();
-    let names = store.case_objects(&ids[0]).await.unwrap();
-    store.delete_case(&ids[0]).await.unwrap();
+    let names = store.objects_of(&ids[0]).await.unwrap();
+    store.delete_rows(&ids[0]).await.unwrap();
     assert_eq!(found("same", 10).await, [ids[2]]);
     let again = pinned(store, &names).await;
     assert!(store.write_copied_case(&ready, &again).await.unwrap());
@@ -1025,7 +1035,7 @@ pub(crate) async fn what_nobody_needs_is_told(subject: &Subject) {
         .await
         .unwrap();
     assert_eq!(unneeded, [unknown]);
-    store.check_file().await.unwrap();
+    store.rows().database.check_file().await.unwrap();
 }
 
 pub(crate) async fn holders_that_are_dead_hold_nothing(subject: &Subject) {

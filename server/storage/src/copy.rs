@@ -3,7 +3,8 @@
 use crate::Unreadable;
 use case::{CaseId, CaseState, Layer, ObjectKind};
 
-use super::rows::Made;
+use super::rows::{Made, Pinned};
+use super::tables::{made, series};
 use super::{ObjectName, Store, StoreError};
 
 /// The result of a copy.
@@ -72,48 +73,59 @@ impl Store {
             // The case was deleted meanwhile.
             return Ok(true);
         };
-        let mut names = self.case_objects(id).await?;
+        let mut names = self.objects_of(id).await?;
         if case.state != CaseState::Ready {
             names.retain(is_of_upload);
         }
-        let pinned = other.pin(names.iter().copied()).await?;
-        for name in &names {
-            let written = self.copy_object(other, name, copied).await?;
+        let write = |pinned: Pinned, lost: Vec<ObjectName>| async move {
             // Derived objects are rebuilt on first use, and a manifest by `check-store --repair`.
-            if !written && name.kind.is_source() {
-                copied.lost += 1;
-                other.abandon(&pinned).await;
-                return Ok(false);
+            if lost.iter().any(|name| name.kind.is_source()) {
+                return Ok(None);
             }
-        }
-        if other.write_copied_case(&case, &pinned).await? {
-            copied.cases += 1;
-        }
-        if let Some(series) = self.series_of(id).await?
-            && other.series_of(id).await?.as_ref() != Some(&series)
-        {
-            other.index_series(&series).await?;
-        }
-        other
-            .note_made_of(&Made::case(id), &self.made_of(&Made::case(id)).await?)
-            .await?;
-        let findings = self.findings(id).await?;
-        if findings != other.findings(id).await? {
-            other.write_copied_findings(id, &findings).await?;
-        }
-        other.abandon(&pinned).await;
+            let is_new = other.write_copied_case(&case, &pinned).await?;
+            self.copy_of_case(other, id).await?;
+            Ok(Some(is_new))
+        };
+        let Some(is_new) = self.copy_objects(other, &names, copied, write).await? else {
+            copied.lost += 1;
+            return Ok(false);
+        };
+        copied.cases += u64::from(is_new);
         let mut is_whole = true;
         let layers = self.layers(id).await?;
         // An earlier copy may have what was deleted, corrected or rejected since.
         for former in other.layers(id).await? {
             if layers.iter().all(|layer| layer.id != former.id) {
-                other.delete_layer(id, &former.id).await?;
+                other.delete((id, &former.id)).await?;
             }
         }
         for layer in layers {
             is_whole &= self.copy_layer(other, layer, copied).await?;
         }
         Ok(is_whole)
+    }
+
+    /// Copies the series of a case, of which images it was made, and its findings.
+    async fn copy_of_case(&self, other: &Self, id: &CaseId) -> Result<(), StoreError> {
+        let series = series::of_case(&mut self.connect().await?, id).await?;
+        let known = series::of_case(&mut other.connect().await?, id).await?;
+        if let Some(series) = series.filter(|series| known.as_ref() != Some(series)) {
+            other.index_series(&series).await?;
+        }
+        self.copy_made_of(other, &Made::case(id)).await?;
+        let findings = self.findings(id).await?;
+        if findings != other.findings(id).await? {
+            other.write_copied_findings(id, &findings).await?;
+        }
+        Ok(())
+    }
+
+    /// Copies of which images something was made.
+    async fn copy_made_of(&self, other: &Self, made: &Made) -> Result<(), StoreError> {
+        let images = made::of(&mut self.connect().await?, made).await?;
+        let (mut transaction, _) = other.write().await?;
+        made::make(&mut transaction, made, &images).await?;
+        transaction.commit().await
     }
 
     /// Returns `false` if a source is lost.
@@ -123,43 +135,65 @@ impl Store {
         mut layer: Layer,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
-        let mut names = self.layer_objects(&layer.case, &layer.id).await?;
+        let mut names = self.objects_of((&layer.case, &layer.id)).await?;
         if layer.state != CaseState::Ready {
             names.retain(is_of_upload);
         }
-        let mut pinned = other.pin(names.iter().copied()).await?;
-        for name in &names {
-            if self.copy_object(other, name, copied).await? {
-                continue;
-            }
-            if name.kind.is_source() {
-                copied.lost += 1;
-                other.abandon(&pinned).await;
+        let write = |mut pinned: Pinned, mut lost: Vec<ObjectName>| async move {
+            if lost.iter().any(|name| name.kind.is_source()) {
                 return Ok(false);
             }
-            if name.kind == ObjectKind::Manifest {
-                continue;
+            lost.retain(|name| name.kind != ObjectKind::Manifest);
+            if !lost.is_empty() {
+                // It is made again from the source; its placement stays.
+                layer.state = CaseState::Queued;
+                pinned.names.retain(|pinned| !lost.contains(pinned));
             }
-            // It is made again from the source; its placement stays.
-            layer.state = CaseState::Queued;
-            pinned.names.retain(|pinned| pinned != name);
-        }
-        let series = self.series_of_layer(&layer.case, &layer.id).await?;
-        other
-            .write_copied_layer(&layer, series.as_ref(), &pinned)
-            .await?;
-        let made = Made::layer(&layer.case, &layer.id);
-        let images = self.made_of(&made).await?;
-        other.note_made_of(&made, &images).await?;
-        other.abandon(&pinned).await;
-        Ok(true)
+            let series = self.series_of_layer(&layer.case, &layer.id).await?;
+            other
+                .write_copied_layer(&layer, series.as_ref(), &pinned)
+                .await?;
+            let made = Made::layer(&layer.case, &layer.id);
+            self.copy_made_of(other, &made).await?;
+            Ok(true)
+        };
+        let is_whole = self.copy_objects(other, &names, copied, write).await?;
+        copied.lost += u64::from(!is_whole);
+        Ok(is_whole)
     }
 
-    /// Copies an object that is pinned in another store; `false` if it is missing or damaged here.
+    /// Copies objects, which are pinned in the other store until `write` has referred to them. It also gets those that are missing or
+    /// damaged here. Ends at a source that is lost.
     ///
     /// # Errors
     /// If a store cannot be reached.
-    pub async fn copy_object(
+    pub async fn copy_objects<T, F>(
+        &self,
+        other: &Self,
+        names: &[ObjectName],
+        copied: &mut Copied,
+        write: impl FnOnce(Pinned, Vec<ObjectName>) -> F,
+    ) -> Result<T, StoreError>
+    where
+        F: Future<Output = Result<T, StoreError>>,
+    {
+        let pinned = other.pin(names.iter().copied()).await?;
+        let mut lost = Vec::new();
+        for name in names {
+            if !self.copy_object(other, name, copied).await? {
+                lost.push(*name);
+                if name.kind.is_source() {
+                    break;
+                }
+            }
+        }
+        let written = write(pinned.clone(), lost).await?;
+        other.abandon(&pinned).await;
+        Ok(written)
+    }
+
+    /// Copies an object that is pinned in another store; `false` if it is missing or damaged here.
+    async fn copy_object(
         &self,
         other: &Self,
         name: &ObjectName,

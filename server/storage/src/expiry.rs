@@ -113,7 +113,7 @@ impl Store {
         let Some(keep) = self.options().keep else {
             return Ok(Expired::default());
         };
-        self.check_id().await?;
+        self.id().await?;
         // The time is noted in the first hour, too.
         let allowance = self.allow_removals(keep, removal).await?;
         let is_first_hour = removal == Removal::Automatic && self.uptime() < FIRST_HOUR;

@@ -148,18 +148,10 @@ pub(crate) async fn compare_or_make(rows: &Rows, objects: &Objects) -> Result<St
 }
 
 impl Store {
-    /// Checks that these rows and these objects belong to one store.
+    /// The id of the store, to which both its rows and its objects must belong.
     ///
     /// # Errors
     /// [`StoreError::Mismatch`], or if one of them cannot be reached.
-    pub async fn check_id(&self) -> Result<(), StoreError> {
-        self.id().await.map(drop)
-    }
-
-    /// The id of the store.
-    ///
-    /// # Errors
-    /// As [`Store::check_id`].
     pub async fn id(&self) -> Result<StoreId, StoreError> {
         compare(self.rows(), self.objects()).await
     }

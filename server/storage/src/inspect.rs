@@ -6,7 +6,8 @@ use crate::Unreadable;
 use case::{Case, CaseId, Failure, LayerId, ObjectKind, SOURCE_DAMAGED};
 
 use super::sql::microseconds;
-use super::{Cursor, ObjectName, REMOVALS_AT_ONCE, Store, StoreError};
+use super::sql::upkeep::newest_row;
+use super::{CaseQuery, Cursor, ObjectName, REMOVALS_AT_ONCE, Store, StoreError};
 
 /// The number of cases to read at a time.
 const CASES_AT_ONCE: usize = 100;
@@ -104,7 +105,7 @@ impl Store {
         &self,
         report: &mut (dyn FnMut(Defect) + Send),
     ) -> Result<Inspected, StoreError> {
-        self.check_file().await?;
+        self.rows().database.check_file().await?;
         let mut inspected = Inspected::default();
         let mut after = None;
         while let Some(cases) = self.next_cases(&mut after).await? {
@@ -135,7 +136,9 @@ impl Store {
             Some(Some(cursor)) => Some(cursor.clone()),
             Some(None) => return Ok(None),
         };
-        let page = self.cases(after, CASES_AT_ONCE).await?;
+        let page = self
+            .cases(&CaseQuery::default(), after.as_ref(), CASES_AT_ONCE)
+            .await?;
         *walk = Some(page.next);
         Ok(Some(page.cases))
     }
@@ -152,7 +155,7 @@ impl Store {
             Err(StoreError::DamagedFindings(id)) => report(Defect::DamagedFindings(id)),
             other => _ = other?,
         }
-        for name in self.objects_of(id).await? {
+        for name in self.all_objects_of(id).await? {
             let defect = match self.inspect_object(&name, inspected).await? {
                 Found::Sound => continue,
                 Found::Missing => Defect::Missing(*id, name),
@@ -160,7 +163,7 @@ impl Store {
             };
             unsound.push(name);
             // The case or the layer may have been deleted or rebuilt a moment ago.
-            if self.objects_of(id).await?.contains(&name) {
+            if self.all_objects_of(id).await?.contains(&name) {
                 report(defect);
             }
         }
@@ -168,14 +171,14 @@ impl Store {
             let mut sources = objects.iter().filter(|name| name.kind.is_source());
             sources.all(|name| !unsound.contains(name))
         };
-        if !is_whole(&self.case_objects(id).await?) {
+        if !is_whole(&self.objects_of(id).await?) {
             return Ok(());
         }
         if is_source_damaged(case.failure.as_ref()) {
             report(Defect::FailedThoughWhole(*id));
         }
         for layer in self.layers(id).await? {
-            let objects = self.layer_objects(id, &layer.id).await?;
+            let objects = self.objects_of((id, &layer.id)).await?;
             if is_source_damaged(layer.failure.as_ref()) && is_whole(&objects) {
                 report(Defect::LayerFailedThoughWhole(*id, layer.id));
             }
@@ -231,10 +234,10 @@ impl Store {
     }
 
     /// The objects that a case and its layers need.
-    pub(super) async fn objects_of(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
-        let mut names = self.case_objects(id).await?;
+    pub(super) async fn all_objects_of(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
+        let mut names = self.objects_of(id).await?;
         for layer in self.layers(id).await? {
-            names.extend(self.layer_objects(id, &layer.id).await?);
+            names.extend(self.objects_of((id, &layer.id)).await?);
         }
         Ok(names)
     }
@@ -246,7 +249,7 @@ impl Store {
     /// If the store cannot be reached.
     pub async fn unreferenced(&self) -> Result<Unreferenced, StoreError> {
         let now = self.objects().now().await?;
-        let newest_row = self.newest_row().await?;
+        let newest_row = newest_row(&mut self.connect().await?).await?;
         let mut found = Unreferenced::default();
         for some in self.objects().list_all().await?.chunks(REMOVALS_AT_ONCE) {
             let names: Vec<_> = some.iter().map(|listed| listed.name).collect();

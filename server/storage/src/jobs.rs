@@ -6,8 +6,10 @@
 
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, JobState, LayerId};
+use case::{CaseId, Failure, JobKind, JobState};
 use jiff::Timestamp;
+
+use super::rows::Owner;
 
 /// A job to be queued.
 #[derive(Debug, Clone)]
@@ -35,49 +37,15 @@ impl NewJob {
         }
     }
 
-    /// The preparation of a case.
-    pub(crate) fn prepare(case: &CaseId) -> Self {
+    /// A job about a case or a layer. All but the preparation of a case wait until the case is ready.
+    pub fn about(kind: JobKind, owner: impl Into<Owner>) -> Self {
+        let owner = owner.into();
         Self {
-            needs_ready: false,
-            ..Self::of_ready_case(JobKind::PREPARE, case)
+            case: Some(owner.case),
+            needs_ready: kind != JobKind::PREPARE,
+            ..Self::new(kind, owner.key())
         }
     }
-
-    /// The preparation of a layer.
-    pub(crate) fn layer(case: &CaseId, layer: &LayerId) -> Self {
-        Self {
-            key: layer_key(case, layer),
-            ..Self::of_ready_case(JobKind::LAYER, case)
-        }
-    }
-
-    /// The computation of the map of a layer, which is deleted with it.
-    pub fn maps_of_layer(case: &CaseId, layer: &LayerId) -> Self {
-        Self {
-            key: layer_key(case, layer),
-            ..Self::of_ready_case(JobKind::MAPS, case)
-        }
-    }
-
-    /// A job about a case, once it is ready.
-    pub fn of_ready_case(kind: JobKind, case: &CaseId) -> Self {
-        Self {
-            case: Some(*case),
-            needs_ready: true,
-            ..Self::new(kind, case.to_string())
-        }
-    }
-}
-
-/// The key of the jobs of a layer.
-pub(crate) fn layer_key(case: &CaseId, layer: &LayerId) -> String {
-    format!("{case}/{layer}")
-}
-
-/// The layer that a key is about.
-pub(crate) fn layer_of_key(key: &str) -> Option<(CaseId, LayerId)> {
-    let (case, layer) = key.split_once('/')?;
-    CaseId::parse(case).zip(LayerId::parse(layer))
 }
 
 /// A job, open or ended.
@@ -135,9 +103,9 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// The layer that the job is about, if it is about one.
-    pub fn layer(&self) -> Option<(CaseId, LayerId)> {
-        layer_of_key(&self.key)
+    /// The case or the layer that the job is about, if it is about one.
+    pub fn owner(&self) -> Option<Owner> {
+        Owner::of_key(&self.key)
     }
 }
 

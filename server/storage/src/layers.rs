@@ -1,13 +1,11 @@
 //! Layers: from an upload to objects and rows, and back.
 
-use bytes::Bytes;
 use case::images::Image;
-use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind};
 
-use super::jobs::Claim;
 use super::pinned::Writing;
-use super::rows::{LayerName, NewLayer, Pinned, Published};
-use super::{Framed, Manifest, ObjectName, Spooled, Store, StoreError, Unreadable};
+use super::rows::{LayerName, NewLayer, Pinned};
+use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::series::Uid;
 
 /// How often to insert a layer again that others delete meanwhile.
@@ -121,97 +119,5 @@ impl Store {
         Err(StoreError::Rows(
             "a layer was deleted repeatedly while it was uploaded".into(),
         ))
-    }
-
-    /// A layer of a case.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn layer(&self, case: &CaseId, id: &LayerId) -> Result<Option<Layer>, StoreError> {
-        let layers = self.layers(case).await?;
-        Ok(layers.into_iter().find(|layer| layer.id == *id))
-    }
-
-    /// Removes a layer and the objects that nothing else needs; `false` if it did not exist. The operation completes
-    /// even if the caller drops the future.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written. The layer may have been removed even so; its objects are then
-    /// removed later.
-    pub async fn delete_layer(&self, case: &CaseId, id: &LayerId) -> Result<bool, StoreError> {
-        let (store, case, id) = (self.clone(), *case, *id);
-        let delete = async move {
-            store.check_id().await?;
-            let deleted = store.delete_layer_row(&case, &id).await?;
-            if deleted {
-                store.signals().changed(&case);
-                store.collect().await?;
-            }
-            Ok(deleted)
-        };
-        tokio::spawn(delete).await?
-    }
-
-    /// The payload of an object of a layer; `None`, reported, if it is damaged, or missing and derived.
-    ///
-    /// # Errors
-    /// [`StoreError::SourceMissing`] if it was uploaded and is missing, or if the store cannot be reached.
-    pub async fn read_layer(
-        &self,
-        case: &CaseId,
-        id: &LayerId,
-        kind: ObjectKind,
-    ) -> Result<Option<Bytes>, StoreError> {
-        let names = self.layer_objects(case, id).await?;
-        let Some(name) = names.iter().find(|name| name.kind == kind) else {
-            return Ok(None);
-        };
-        match self.objects().get(name).await {
-            Ok(payload) => Ok(Some(payload)),
-            Err(Unreadable::Store(error)) => Err(error.into()),
-            Err(fault) => {
-                // One that is missing because the layer was deleted a moment ago is no fault.
-                let names = self.layer_objects(case, id).await?;
-                if names.contains(name) {
-                    self.report_unreadable(kind, &fault)?;
-                }
-                Ok(None)
-            }
-        }
-    }
-
-    /// Makes what is computed from a layer that is ready durable, and gives it to the layer, with which it is deleted.
-    ///
-    /// # Errors
-    /// If the store cannot be reached.
-    pub async fn publish_of_layer(
-        &self,
-        case: &CaseId,
-        id: &LayerId,
-        derived: &[Framed],
-    ) -> Result<Published, StoreError> {
-        let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
-        let publish =
-            |derived: Pinned| async move { self.refer_to_layer(case, id, &derived).await };
-        self.with_pinned(&objects, publish).await
-    }
-
-    /// Makes the objects of a layer durable, then publishes them and ends its job in one transaction. Leaves nothing
-    /// behind if that fails.
-    ///
-    /// # Errors
-    /// If the store cannot be reached.
-    pub async fn publish_layer(
-        &self,
-        claim: &Claim,
-        derived: &[Framed],
-        facts: &LayerFacts,
-    ) -> Result<Published, StoreError> {
-        let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
-        let publish =
-            |derived: Pinned| async move { self.make_layer_ready(claim, &derived, facts).await };
-        let published = self.with_pinned(&objects, publish).await?;
-        self.job_changed(claim);
-        Ok(published)
     }
 }

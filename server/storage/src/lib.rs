@@ -61,9 +61,11 @@ pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
 };
-pub use self::page::{CaseQuery, Cursor, ListCursor, Page, is_id};
+pub use self::page::{CaseQuery, Cursor, Page, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
-pub use self::rows::{LayerChange, LayerName, Made, Pinned, Published, RowCounts};
+pub use self::rows::{
+    CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published, RowCounts,
+};
 pub use self::signals::{Count, Counters, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
@@ -84,8 +86,8 @@ const LISTEN_AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// The options of a store. [`Options::default`] suits one machine.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Whether [`Store::open_at`] makes a store where there is none.
-    pub create: bool,
+    /// What [`Store::open`] does if there is no store, or if it is the copy of another one.
+    pub opening: Opening,
     /// The greatest number of cases that may wait to be prepared.
     pub queue_limit: usize,
     /// Free bytes on the disk below which it counts as full, so that [`Store::check`] fails.
@@ -114,7 +116,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            create: false,
+            opening: Opening::OrMake,
             queue_limit: 64,
             min_free_bytes: 0,
             lease: Duration::from_secs(30),
@@ -140,12 +142,12 @@ pub struct Store {
 
 /// How a store is opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Opening {
+pub enum Opening {
     /// It must be there.
     Existing,
     /// It is made if there is none.
     OrMake,
-    /// It gets another id.
+    /// It must be there, and gets another id, because it is the copy of one that is still used. Nothing of it is removed.
     WithNewId,
 }
 
@@ -184,62 +186,16 @@ enum Place {
 }
 
 impl Store {
-    /// Opens the store in a directory with default [`Options`]; makes it if there is none, migrates it, and removes left-over files.
+    /// Opens the store at a location, such as a folder, migrates it, and removes left-over files; makes it if there is none and
+    /// [`Options::opening`] says so.
     ///
-    /// Several processes may open one directory; files in use by another running process are not touched.
-    ///
-    /// # Errors
-    /// If the directory or its database cannot be used.
-    pub async fn open(directory: &Path) -> Result<Self, StoreError> {
-        Self::open_with(directory, Options::default()).await
-    }
-
-    /// As [`Store::open`], with options.
-    ///
-    /// # Errors
-    /// If the directory or its database cannot be used.
-    pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
-        let options = Options {
-            create: true,
-            ..options
-        };
-        Self::open_at(&directory.into(), options).await
-    }
-
-    /// Opens the store at a location, migrates it, and removes left-over files; makes it if there is none and [`Options::create`] is set.
+    /// Several processes may open one folder; files in use by another running process are not touched.
     ///
     /// # Errors
     /// [`StoreError::NoStore`] if there is none, [`StoreError::Mismatch`] if the rows and the objects are not those of one store; nothing is
     /// changed then. Or if the folder, the database or the objects cannot be used.
-    pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
-        let opening = match options.create {
-            true => Opening::OrMake,
-            false => Opening::Existing,
-        };
-        Self::open_by(location, options, opening).await
-    }
-
-    /// As [`Store::open_at`], and gives the store another id, because it is the copy of one that is still used.
-    ///
-    /// # Errors
-    /// As [`Store::open_at`].
-    pub async fn open_with_new_id(
-        location: &Location,
-        options: Options,
-    ) -> Result<Self, StoreError> {
-        let options = Options {
-            // Before `--adopt`, nothing of the copy may go.
-            sweeps_at_start: false,
-            ..options
-        };
-        Self::open_by(location, options, Opening::WithNewId).await
-    }
-
-    async fn open_by(
-        location: &Location,
-        options: Options,
-        opening: Opening,
-    ) -> Result<Self, StoreError> {
+    pub async fn open(location: impl Into<Location>, options: Options) -> Result<Self, StoreError> {
+        let (location, opening) = (&location.into(), options.opening);
         let may_make = opening == Opening::OrMake;
         let has_rows = location.has_rows().await?;
         if !has_rows && !may_make {
@@ -267,7 +223,7 @@ impl Store {
         let prepare = async |is_alone| {
             let rows = open_rows(location, Arc::clone(&options.tables)).await?;
             if is_alone && has_own_rows {
-                rows.check_file().await?;
+                rows.database.check_file().await?;
             }
             let identified = match opening {
                 Opening::Existing => identity::compare(&rows, &objects).await,
@@ -275,7 +231,7 @@ impl Store {
                 Opening::WithNewId => identity::change(&rows, &objects).await,
             };
             if let Err(error) = identified {
-                rows.close().await;
+                rows.database.close().await;
                 return Err(error);
             }
             rows.complete_store_id().await?;
@@ -288,7 +244,8 @@ impl Store {
         if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
             directory::sweep_shared(folder)?;
         }
-        let sweeps = options.sweeps_at_start;
+        // Before `--adopt`, nothing of a copy may go.
+        let sweeps = options.sweeps_at_start && opening != Opening::WithNewId;
         let store = Self::new(rows, objects, Place::Directory(place), options);
         if sweeps {
             store.collect().await?;
@@ -404,27 +361,6 @@ impl Store {
         case
     }
 
-    /// Removes a case and the objects that no other case needs; `false` if the case did not exist. A running
-    /// preparation is cancelled. The operation completes even if the caller drops the future.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written. The case may have been removed even so; its objects are then
-    /// removed later.
-    pub async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
-        let (store, id) = (self.clone(), *id);
-        tokio::spawn(async move { store.delete_now(&id).await }).await?
-    }
-
-    async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
-        self.check_id().await?;
-        let deleted = self.delete_case(id).await?;
-        if deleted {
-            self.inner.is_deleted(id);
-            self.collect().await?;
-        }
-        Ok(deleted)
-    }
-
     /// The changes of a case.
     pub fn subscribe(&self, id: &CaseId) -> Watch {
         Watch::new(self.clone(), *id)
@@ -441,18 +377,13 @@ impl Store {
         Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
-    /// Counts since the process started, for metrics.
-    pub fn counters(&self) -> Counters {
-        self.inner.signals.counters()
-    }
-
     /// Checks that the rows and the objects are reachable and belong to one store, and that the disk has room, for `/readyz`.
     ///
     /// # Errors
     /// If they are unreachable, or do not belong together ([`StoreError::Mismatch`]), or the disk is full ([`StoreError::is_full`]).
     pub async fn check(&self) -> Result<(), StoreError> {
-        self.rows().check().await?;
-        self.check_id().await?;
+        self.rows().database.check().await?;
+        self.id().await?;
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
         tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
@@ -460,7 +391,7 @@ impl Store {
 
     /// Finishes all work before the process ends. The rows must not be used afterwards.
     pub async fn close(&self) {
-        self.rows().close().await;
+        self.rows().database.close().await;
     }
 
     /// Removes the objects that are no longer needed. The operation completes even if the caller drops the future: a sweep
@@ -485,7 +416,7 @@ impl Store {
     /// Removes the unneeded ones of the objects. Objects that are not removed are found again after the lease of the
     /// sweep.
     async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
-        self.check_id().await?;
+        self.id().await?;
         let sweep = Sweep {
             holder: pinned::unique_holder(),
             lease: SWEEP_LEASE,
@@ -523,14 +454,6 @@ impl Store {
     /// If the database cannot be reached.
     pub async fn write(&self) -> Result<(Connection, i64), StoreError> {
         self.rows().write().await
-    }
-
-    /// The time by the database's clock.
-    ///
-    /// # Errors
-    /// If the database cannot be reached.
-    pub async fn now(&self, connection: &mut Connection) -> Result<i64, StoreError> {
-        self.rows().now(connection).await
     }
 
     fn rows(&self) -> &Rows {
@@ -593,7 +516,7 @@ impl Inner {
 /// Passes on changes of the rows by other processes, if the database reports them.
 async fn listen(rows: Rows, store: Weak<Inner>) {
     let mut changes = loop {
-        match rows.changes().await {
+        match rows.database.changes().await {
             Ok(Some(changes)) => break changes,
             Ok(None) => return,
             Err(error) => {

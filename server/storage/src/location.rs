@@ -55,10 +55,10 @@ pub struct Location {
     pub objects: Option<ObjectsAddress>,
 }
 
-impl From<&Path> for Location {
-    fn from(folder: &Path) -> Self {
+impl<P: AsRef<Path> + ?Sized> From<&P> for Location {
+    fn from(folder: &P) -> Self {
         Self {
-            folder: folder.to_owned(),
+            folder: folder.as_ref().to_owned(),
             database: None,
             objects: None,
         }

@@ -6,11 +6,12 @@
 
 use bytes::Bytes;
 use case::images::Image;
-use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind, Parameters};
+use case::{CaseId, LayerId, LayerParameters, ObjectKind, Parameters};
 use serde::{Deserialize, Serialize};
 
-use super::pinned::{Writing, unique_holder};
-use super::rows::{LayerName, Made, NewCase, NewLayer, Pinned};
+use super::pinned::Writing;
+use super::rows::{LayerName, Made, NewCase, NewLayer, Owner, Pinned, Referred};
+use super::sql::{cases, layers, made, pins};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable, frame};
 use case::series::Uid;
 
@@ -125,7 +126,7 @@ impl Store {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn manifest(&self, name: &ObjectName) -> Result<Option<Manifest>, StoreError> {
-        let read = match self.objects().get(name).await {
+        let read = match self.object(name).await {
             Ok(json) => serde_json::from_slice(&json).ok(),
             Err(Unreadable::Store(error)) => return Err(error.into()),
             Err(_) => None,
@@ -151,74 +152,76 @@ impl Store {
     /// # Errors
     /// If the store cannot be reached, or the disk fails.
     pub async fn spool_object(&self, name: &ObjectName) -> Result<Option<Spooled>, StoreError> {
-        match self.objects().get(name).await {
+        match self.object(name).await {
             Ok(bytes) => self.spool_all(bytes).await.map(Some),
             Err(Unreadable::Store(error)) => Err(error.into()),
             Err(_) => Ok(None),
         }
     }
 
-    /// Makes a case of the sources of a manifest that no row names, and queues it; `false` if it is there. The sources must have been
-    /// read. Nothing is written but rows, and by one transaction, so that nothing is removed if it fails.
+    /// Makes a case, with this label, or a layer of the sources of a manifest that no row names, and queues it; `false` if it is there. The
+    /// sources must have been read. Nothing is written but rows, and by one transaction, so that nothing is removed if it fails.
     ///
     /// # Errors
-    /// If the rows cannot be written, or one of the objects is being removed.
-    pub async fn adopt_case(
+    /// If the rows cannot be written, or one of the objects is being removed; [`StoreError::NoSuchCase`] for a layer.
+    pub async fn adopt(
         &self,
         name: &ObjectName,
         manifest: &Manifest,
-        parameters: Parameters,
+        label: Option<String>,
     ) -> Result<bool, StoreError> {
-        let Manifested::Case {
-            previous, images, ..
-        } = &manifest.upload
-        else {
-            return Ok(false);
+        let objects = manifest.sources().unwrap_or_default().into_iter();
+        let sources = Pinned::new(objects.chain([*name]));
+        let (mut transaction, now) = self.write().await?;
+        pins::hold(&mut transaction, &sources, now).await?;
+        let inserted = match manifest.upload.clone() {
+            Manifested::Case {
+                parameters,
+                previous,
+                images,
+            } => {
+                let new = NewCase {
+                    id: manifest.case,
+                    parameters: Parameters {
+                        name: label,
+                        ..parameters
+                    },
+                    previous,
+                    images: Some(images),
+                    sources,
+                    queue_limit: usize::MAX,
+                    client: String::new(),
+                };
+                cases::submit(&mut transaction, &new, now).await?
+            }
+            Manifested::Layer {
+                id,
+                parameters,
+                name,
+                series,
+                images,
+            } => {
+                let new = NewLayer {
+                    case: manifest.case,
+                    id,
+                    name: LayerName::Usual(name),
+                    parameters,
+                    series: series.as_deref().and_then(Uid::parse),
+                    images,
+                    sources,
+                    most: usize::MAX,
+                    queue_limit: usize::MAX,
+                    client: String::new(),
+                };
+                layers::submit(&mut transaction, &new, now).await?
+            }
         };
-        let new = NewCase {
-            id: manifest.case,
-            parameters,
-            previous: *previous,
-            images: Some(images.clone()),
-            sources: held(name, manifest),
-            queue_limit: usize::MAX,
-            client: String::new(),
-        };
-        self.insert_adopted_case(&new).await
-    }
-
-    /// The same for a layer of a case.
-    ///
-    /// # Errors
-    /// As [`Store::adopt_case`], and [`StoreError::NoSuchCase`].
-    pub async fn adopt_layer(
-        &self,
-        name: &ObjectName,
-        manifest: &Manifest,
-    ) -> Result<bool, StoreError> {
-        let Manifested::Layer {
-            id,
-            parameters,
-            name: layer_name,
-            series,
-            images,
-        } = &manifest.upload
-        else {
-            return Ok(false);
-        };
-        let new = NewLayer {
-            case: manifest.case,
-            id: *id,
-            name: LayerName::Usual(layer_name.clone()),
-            parameters: parameters.clone(),
-            series: series.as_deref().and_then(Uid::parse),
-            images: images.clone(),
-            sources: held(name, manifest),
-            most: usize::MAX,
-            queue_limit: usize::MAX,
-            client: String::new(),
-        };
-        self.insert_adopted_layer(&new).await
+        let is_inserted = matches!(inserted, Referred::Done(_));
+        if is_inserted {
+            transaction.commit().await?;
+            self.signals().queued();
+        }
+        Ok(is_inserted)
     }
 
     /// Writes the manifests of a case and its layers again that are missing or damaged.
@@ -229,35 +232,31 @@ impl Store {
         let Some(case) = self.case(id).await? else {
             return Ok(());
         };
-        let objects = self.case_objects(id).await?;
+        let objects = self.objects_of(id).await?;
         if !self.has_manifest(&objects).await? {
-            let images = self.made_of(&Made::case(id)).await?;
+            let images = made::of(&mut self.connect().await?, &Made::case(id)).await?;
             let manifest = Manifest::of_case(*id, objects, &case.parameters, case.previous, images);
-            self.put_manifest(id, None, &manifest).await?;
+            self.put_manifest(id.into(), &manifest).await?;
         }
-        for Layer {
-            id: layer,
-            name,
-            parameters,
-            ..
-        } in self.layers(id).await?
-        {
-            let objects = self.layer_objects(id, &layer).await?;
+        for layer in self.layers(id).await? {
+            let owner = Owner::from((id, &layer.id));
+            let objects = self.objects_of(owner).await?;
             if self.has_manifest(&objects).await? {
                 continue;
             }
-            let series = self.series_of_layer(id, &layer).await?;
-            let images = self.made_of(&Made::layer(id, &layer)).await?;
+            let series = self.series_of_layer(id, &layer.id).await?;
+            let made = Made::layer(id, &layer.id);
+            let images = made::of(&mut self.connect().await?, &made).await?;
             let manifest = Manifest::of_layer(
                 *id,
-                layer,
+                layer.id,
                 objects,
-                &name,
-                &parameters,
+                &layer.name,
+                &layer.parameters,
                 series.as_ref(),
                 images,
             );
-            self.put_manifest(id, Some(&layer), &manifest).await?;
+            self.put_manifest(owner, &manifest).await?;
         }
         Ok(())
     }
@@ -270,24 +269,10 @@ impl Store {
         }
     }
 
-    async fn put_manifest(
-        &self,
-        case: &CaseId,
-        layer: Option<&LayerId>,
-        manifest: &Manifest,
-    ) -> Result<(), StoreError> {
+    async fn put_manifest(&self, owner: Owner, manifest: &Manifest) -> Result<(), StoreError> {
         let framed = manifest.framed()?;
-        let refer =
-            |pinned: Pinned| async move { self.refer_to_manifest(case, layer, &pinned).await };
-        self.with_pinned(&[Writing::Framed(&framed)], refer).await
-    }
-}
-
-/// The objects of an upload, to be pinned in the transaction that refers to them.
-fn held(name: &ObjectName, manifest: &Manifest) -> Pinned {
-    let sources = manifest.sources().unwrap_or_default();
-    Pinned {
-        holder: unique_holder(),
-        names: sources.into_iter().chain([*name]).collect(),
+        let refer = |pinned: Pinned| async move { self.refer(owner, &pinned, false).await };
+        let put = self.with_pinned(&[Writing::Framed(&framed)], refer).await;
+        put.map(drop)
     }
 }

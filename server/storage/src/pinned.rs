@@ -105,15 +105,12 @@ impl Store {
     }
 
     /// Pins objects before they are written. Waits for objects that are being removed.
-    ///
-    /// # Errors
-    /// If the rows cannot be written, or a removal takes too long.
-    pub async fn pin(
+    pub(crate) async fn pin(
         &self,
         names: impl IntoIterator<Item = ObjectName>,
     ) -> Result<Pinned, StoreError> {
         let pinned = Pinned::new(names);
-        self.check_id().await?;
+        self.id().await?;
         let begun = Instant::now();
         while !self.try_pin(&pinned, PIN_FOR).await? {
             if begun.elapsed() > REMOVAL_PATIENCE {
@@ -129,7 +126,7 @@ impl Store {
     }
 
     /// Abandons pinned objects. If this fails, they are removed after their pins expire.
-    pub async fn abandon(&self, pinned: &Pinned) {
+    pub(crate) async fn abandon(&self, pinned: &Pinned) {
         let unpinned = self.unpin(pinned).await;
         let collected = match unpinned {
             Ok(()) => self.collect().await,

@@ -6,24 +6,26 @@ use std::time::Duration;
 
 use crate::{Framed, Unreadable, frame};
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, CaseState, JobKind, ObjectKind};
+use case::{CaseFacts, CaseId, CaseState, JobKind, LayerFacts, ObjectKind};
 
 use super::jobs::{Claim, NewJob, Release};
 use super::pinned::Writing;
-use super::rows::{Pinned, Published};
+use super::rows::{Owner, Pinned, Published};
 use super::signals::Count;
 use super::{ObjectName, Store, StoreError};
 
 /// How often to check whether another process has finished its rebuild.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// The origin of derived objects.
+/// Who publishes derived objects.
 #[derive(Debug, Clone, Copy)]
 pub enum Publisher<'a> {
-    /// A worker with its lease, and the kinds of the jobs that a ready case has next.
-    Worker(&'a Claim, &'a [JobKind]),
-    /// A rebuild of a ready case.
-    Rebuild(&'a CaseId),
+    /// The preparation of a case, which then has these facts, and these kinds of jobs next.
+    Case(&'a Claim, &'a CaseFacts, &'a [JobKind]),
+    /// The preparation of a layer.
+    Layer(&'a Claim, &'a LayerFacts),
+    /// Whoever computes objects of a case or a layer that is ready, for the first time or again.
+    Ready(Owner),
 }
 
 /// An attempt to read derived objects.
@@ -58,7 +60,7 @@ impl Store {
         else {
             return Ok(Attempt::NoCase);
         };
-        let names = self.case_objects(id).await?;
+        let names = self.objects_of(id).await?;
         let mut payloads = Vec::with_capacity(kinds.len());
         for &kind in kinds {
             match self.read(id, &names, kind).await? {
@@ -77,26 +79,26 @@ impl Store {
         })
     }
 
-    /// The payload of a case's object; `None`, reported, if it is damaged, or missing and derived.
+    /// The payload of one of the objects of a case or a layer; `None`, reported, if it is damaged, or missing and derived.
     ///
     /// # Errors
     /// [`StoreError::SourceMissing`] if it was uploaded and is missing, or if the store cannot be reached.
     pub async fn read(
         &self,
-        id: &CaseId,
+        owner: impl Into<Owner>,
         names: &[ObjectName],
         kind: ObjectKind,
     ) -> Result<Option<Bytes>, StoreError> {
         let Some(name) = names.iter().find(|name| name.kind == kind) else {
             return Ok(None);
         };
-        let read = self.inner.objects.get(name).await;
-        match read {
+        let owner = owner.into();
+        match self.object(name).await {
             Ok(payload) => Ok(Some(payload)),
             Err(Unreadable::Store(error)) => Err(error.into()),
             Err(fault) => {
-                // One that is missing because the case was deleted a moment ago is no fault.
-                if self.case_objects(id).await?.contains(name) {
+                // One that is missing because its owner was deleted a moment ago is no fault.
+                if self.objects_of(owner).await?.contains(name) {
                     self.report_unreadable(kind, &fault)?;
                 }
                 Ok(None)
@@ -108,11 +110,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::SourceMissing`] for a source that is missing: an answer, and never the end of a case.
-    pub(super) fn report_unreadable(
-        &self,
-        kind: ObjectKind,
-        fault: &Unreadable,
-    ) -> Result<(), StoreError> {
+    fn report_unreadable(&self, kind: ObjectKind, fault: &Unreadable) -> Result<(), StoreError> {
         self.report_bad(kind, &fault.to_string());
         if kind.is_source() && matches!(fault, Unreadable::Missing) {
             self.signals().count(Count::MissingSource);
@@ -135,7 +133,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::SourceMissing`], or if the store cannot be reached or what was stored is damaged.
     pub async fn source_dicom(&self, id: &CaseId) -> Result<Option<Bytes>, StoreError> {
-        let names = self.case_objects(id).await?;
+        let names = self.objects_of(id).await?;
         if !names
             .iter()
             .any(|name| name.kind == ObjectKind::SourceDicom)
@@ -173,7 +171,7 @@ impl Store {
         };
         match &rebuilt {
             // Nothing waits for a source in the name of a client: whoever needs the object asks again.
-            Ok(_) | Err(StoreError::SourceMissing) => self.finish(&claim).await?,
+            Ok(_) | Err(StoreError::SourceMissing) => self.finish(&claim, Ok(())).await?,
             Err(error) => {
                 // Whoever needs it tries again, or a worker does. A store that fails says nothing about the case.
                 let again = Release {
@@ -205,7 +203,7 @@ impl Store {
             if case.is_none_or(|case| case.state != CaseState::Ready) {
                 return Ok(None);
             }
-            let job = NewJob::of_ready_case(kind, id);
+            let job = NewJob::about(kind, id);
             if let Some(claim) = self.enqueue_and_claim(&job, most).await? {
                 return Ok(Some(claim));
             }
@@ -213,7 +211,8 @@ impl Store {
         }
     }
 
-    /// Makes derived objects durable, then publishes them in one transaction. Leaves nothing behind if that fails.
+    /// Makes derived objects durable, then publishes them in one transaction, which ends the job that made them. Leaves nothing behind if
+    /// that fails.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -221,19 +220,21 @@ impl Store {
         &self,
         publisher: Publisher<'_>,
         derived: &[Framed],
-        facts: &CaseFacts,
     ) -> Result<Published, StoreError> {
         let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
         let publish = |pinned: Pinned| async move {
             match publisher {
-                Publisher::Worker(claim, next) => {
+                Publisher::Case(claim, facts, next) => {
                     self.make_case_ready(claim, &pinned, facts, next).await
                 }
-                Publisher::Rebuild(id) => self.replace_objects(id, &pinned).await,
+                Publisher::Layer(claim, facts) => {
+                    self.make_layer_ready(claim, &pinned, facts).await
+                }
+                Publisher::Ready(owner) => self.refer(owner, &pinned, true).await,
             }
         };
         let published = self.with_pinned(&objects, publish).await?;
-        if let Publisher::Worker(claim, _) = publisher {
+        if let Publisher::Case(claim, ..) | Publisher::Layer(claim, _) = publisher {
             self.job_changed(claim);
             self.signals().queued();
         }

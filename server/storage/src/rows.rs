@@ -58,6 +58,12 @@ pub(crate) struct NewLayer {
     pub client: String,
 }
 
+impl NewLayer {
+    pub(crate) fn owner(&self) -> Owner {
+        (&self.case, &self.id).into()
+    }
+}
+
 /// The name of a new layer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum LayerName {
@@ -65,6 +71,54 @@ pub enum LayerName {
     Given(String),
     /// Made up: gets a number if it is taken.
     Usual(String),
+}
+
+/// What has objects: a case, or a layer of one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Owner {
+    pub case: CaseId,
+    pub layer: Option<LayerId>,
+}
+
+impl Owner {
+    /// The one that a key of jobs names: the case, and after a slash the layer.
+    pub(crate) fn of_key(key: &str) -> Option<Self> {
+        let (case, layer) = match key.split_once('/') {
+            None => (key, None),
+            Some((case, layer)) => (case, Some(LayerId::parse(layer)?)),
+        };
+        let case = CaseId::parse(case)?;
+        Some(Self { case, layer })
+    }
+
+    pub(crate) fn key(&self) -> String {
+        match &self.layer {
+            None => self.case.to_string(),
+            Some(layer) => format!("{}/{layer}", self.case),
+        }
+    }
+}
+
+impl From<&CaseId> for Owner {
+    fn from(&case: &CaseId) -> Self {
+        Self { case, layer: None }
+    }
+}
+
+impl From<(&CaseId, &LayerId)> for Owner {
+    fn from((&case, &layer): (&CaseId, &LayerId)) -> Self {
+        let layer = Some(layer);
+        Self { case, layer }
+    }
+}
+
+/// Changes of a case that keep its id.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct CaseChange {
+    /// Another label.
+    pub name: Option<String>,
+    /// Whether it stays for good.
+    pub kept: Option<bool>,
 }
 
 /// Changes of a layer that keep its id.
@@ -172,6 +226,8 @@ pub(crate) struct Sweep {
 pub struct RowCounts {
     /// What they are (`cases`, `closed` or `jobs`), why they are closed or the kind of jobs, their state, and how many.
     pub by_state: Vec<(String, String, String, u64)>,
+    /// Cases that are past their age and are still there; 0 if all are kept.
+    pub expired: u64,
     /// For how long the oldest job of each kind has not ended.
     pub oldest: Vec<(String, Duration)>,
 }

@@ -114,7 +114,8 @@ impl Signals {
         self.counts[event as usize].fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(super) fn counters(&self) -> Counters {
+    /// The counts since the process started, for metrics.
+    pub fn counters(&self) -> Counters {
         let of = |event: Count| self.counts[event as usize].load(Ordering::Relaxed);
         Counters {
             bad_objects: of(Count::BadObject),

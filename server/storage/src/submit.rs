@@ -1,7 +1,8 @@
 //! Makes a queued case from an upload.
 
 use super::pinned::Writing;
-use super::rows::{Inserted, Made, NewCase, Pinned, Referred};
+use super::rows::{CaseChange, Inserted, Made, NewCase, Pinned, Referred};
+use super::tables::made;
 use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::images::Image;
 use case::{Case, CaseId, CaseState, JobKind, ObjectKind, Parameters};
@@ -114,7 +115,8 @@ struct Inputs<'a> {
 }
 
 impl Store {
-    /// Makes a case from spooled files and queues its preparation.
+    /// Makes a case from spooled files and queues its preparation; as a version of another case, if there is one: the upload has more
+    /// images of the same series.
     ///
     /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
     /// drops the future.
@@ -122,20 +124,7 @@ impl Store {
     /// # Errors
     /// [`StoreError::QueueFull`], or another error if the store fails; nothing is left behind then. The parameters are
     /// not checked here.
-    pub async fn submit_upload(
-        &self,
-        upload: Upload,
-        parameters: Parameters,
-    ) -> Result<Submitted, StoreError> {
-        self.submit_after(upload, parameters, None).await
-    }
-
-    /// As [`Store::submit_upload`], as a version of another case, if there is one: the upload has more images of the
-    /// same series.
-    ///
-    /// # Errors
-    /// As [`Store::submit_upload`].
-    pub async fn submit_after(
+    pub async fn submit(
         &self,
         upload: Upload,
         parameters: Parameters,
@@ -150,8 +139,12 @@ impl Store {
                 images: Some(upload.images.clone()),
                 parameters,
             };
-            if let Some(name) = &inputs.parameters.name {
-                store.rename(&inputs.id, name).await?;
+            let change = CaseChange {
+                name: inputs.parameters.name.clone(),
+                kept: None,
+            };
+            if change.name.is_some() {
+                store.change_case(&inputs.id, &change).await?;
             }
             let submitted = store.submit_now(inputs).await?;
             submitted.ok_or_else(|| StoreError::Rows("an upload lacks its own files".into()))
@@ -165,14 +158,14 @@ impl Store {
     /// unchanged, but a failed one is queued again. The operation completes even if the caller drops the future.
     ///
     /// # Errors
-    /// As [`Store::submit_upload`].
+    /// As [`Store::submit`].
     pub async fn submit_version(&self, version: Version) -> Result<Option<Submitted>, StoreError> {
         let store = self.clone();
         let submit = async move {
             let Some(case) = store.case(&version.of).await? else {
                 return Ok(None);
             };
-            let sources = version.sources(&store.case_objects(&version.of).await?);
+            let sources = version.sources(&store.objects_of(&version.of).await?);
             let parameters = Parameters {
                 name: case.parameters.name,
                 ..version.parameters.clone()
@@ -236,19 +229,15 @@ impl Store {
         Ok(true)
     }
 
-    async fn images_of_previous(&self, previous: Option<CaseId>) -> Result<Vec<Image>, StoreError> {
-        match previous {
-            Some(previous) => self.made_of(&Made::case(&previous)).await,
-            None => Ok(Vec::new()),
-        }
-    }
-
     /// Writes the sources and the manifest, and inserts the case. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
         let names = inputs.sources.iter().map(|(name, _)| *name);
-        let images = match &inputs.images {
-            Some(images) => images.clone(),
-            None => self.images_of_previous(inputs.previous).await?,
+        let images = match (&inputs.images, &inputs.previous) {
+            (Some(images), _) => images.clone(),
+            (None, Some(previous)) => {
+                made::of(&mut self.connect().await?, &Made::case(previous)).await?
+            }
+            (None, None) => Vec::new(),
         };
         let manifest = Manifest::of_case(
             inputs.id,
@@ -266,7 +255,7 @@ impl Store {
         let insert = |sources: Pinned| async move {
             // After they are pinned, the objects of the other case will stay.
             let stored = match &inputs.previous {
-                Some(previous) => self.case_objects(previous).await?,
+                Some(previous) => self.objects_of(previous).await?,
                 None => Vec::new(),
             };
             let is_gone = |(name, file): &(ObjectName, Option<&Spooled>)| {

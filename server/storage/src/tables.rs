@@ -11,25 +11,34 @@ pub use crate::sql::jobs::read_state;
 pub use crate::sql::made::{as_it_is_known, read_closed, read_fingerprint, read_uid};
 pub use crate::sql::series::{read_accession_number, read_case, read_uids};
 
+/// Statements about cases.
+pub mod cases {
+    pub use crate::sql::cases::with_voxels;
+}
+
+/// Statements about the series that cases were made of.
+pub mod series {
+    pub use crate::sql::series::{cases_of, of_case};
+}
+
 /// Statements about jobs.
 pub mod jobs {
     pub use crate::sql::jobs::{
-        became, cancel, enqueue, finish, latest_of_key, remove, write_copied,
+        became, cancel, enqueue, finish, latest, latest_of_key, one, page, remove, write_copied,
     };
 }
 
 /// Statements about the images that something was made of.
 pub mod made {
-    pub use crate::sql::made::{forget, make};
+    pub use crate::sql::made::{forget, make, of};
 }
 
 /// Statements about layers.
 pub mod layers {
-    pub use crate::sql::layers::of_case;
+    pub use crate::sql::layers::{of_case, of_series};
 }
 
 /// Statements about the pins of objects, which a transaction turns into references, or leaves on what it no longer needs.
 pub mod pins {
-    pub use crate::sql::hold;
-    pub use crate::sql::pins::{abandon, consume};
+    pub use crate::sql::pins::{abandon, consume, hold};
 }

@@ -14,7 +14,9 @@ use bytes::Bytes;
 use case::{CaseFacts, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 use tempfile::TempDir;
 
-use super::testing::{assert_nothing_left_over, claim, facts, failure, files_below, objects_below};
+use super::testing::{
+    assert_nothing_left_over, claim, facts, failure, files_below, objects_below, waiting,
+};
 use super::*;
 
 async fn store(directory: &TempDir) -> Store {
@@ -23,7 +25,7 @@ async fn store(directory: &TempDir) -> Store {
         poll: Duration::from_millis(20),
         ..Options::default()
     };
-    Store::open_with(directory.path(), options).await.unwrap()
+    Store::open(directory.path(), options).await.unwrap()
 }
 
 async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>) -> Upload {
@@ -41,7 +43,7 @@ async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>)
 
 async fn submit(store: &Store, volume: &'static str) -> Result<Submitted, StoreError> {
     let upload = upload(store, volume, None).await;
-    store.submit_upload(upload, Parameters::default()).await
+    store.submit(upload, Parameters::default(), None).await
 }
 
 /// Publishes the derived objects of a case whose volume this is.
@@ -49,7 +51,7 @@ async fn publish(store: &Store, publisher: Publisher<'_>, volume: &str) {
     let payload = |kind: ObjectKind| Bytes::from(format!("{} of {volume}", kind.name()));
     let objects = ObjectKind::DERIVED.map(|kind| (kind, payload(kind)));
     let framed = frame_all(objects.into()).await.unwrap();
-    let published = store.publish(publisher, &framed, &facts()).await;
+    let published = store.publish(publisher, &framed).await;
     assert_eq!(published.unwrap(), Published::Done);
 }
 
@@ -58,7 +60,7 @@ async fn ready(store: &Store, volume: &'static str) -> CaseId {
     let id = submit(store, volume).await.unwrap().case.id;
     let claim = claim(store).await.unwrap();
     assert_eq!(claim.case, Some(id));
-    publish(store, Publisher::Worker(&claim, &[]), volume).await;
+    publish(store, Publisher::Case(&claim, &facts(), &[]), volume).await;
     id
 }
 
@@ -83,7 +85,7 @@ async fn an_upload_is_queued_once_and_again_after_it_has_failed() {
         assert_eq!(submitted.case.state, CaseState::Queued);
     }
     let claim = claim(&store).await.unwrap();
-    assert!(store.fail(&claim, &failure()).await.unwrap());
+    assert!(store.finish(&claim, Err(&failure())).await.unwrap());
     let again = submit(&store, "volume").await.unwrap();
     assert!(again.created, "a failed one is queued again");
     assert_nothing_left_over(&store, directory.path()).await;
@@ -96,7 +98,7 @@ async fn a_full_queue_refuses_and_keeps_nothing_of_it() {
     for volume in ["one", "two"] {
         submit(&store, volume).await.unwrap();
     }
-    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 2);
+    assert_eq!(waiting(&store, JobKind::PREPARE).await, 2);
     let refused = submit(&store, "three").await;
     assert!(matches!(refused, Err(StoreError::QueueFull(_))));
     assert!(
@@ -114,7 +116,7 @@ async fn what_is_uploaded_again_takes_the_place_of_a_file_that_is_missing() {
         for kind in [ObjectKind::SourceVolume, ObjectKind::SourceMask] {
             let masked = upload(&store, "volume", Some("mask")).await;
             store
-                .submit_upload(masked, Parameters::default())
+                .submit(masked, Parameters::default(), None)
                 .await
                 .unwrap();
             let folder = directory.path().join("objects").join(kind.name());
@@ -123,7 +125,7 @@ async fn what_is_uploaded_again_takes_the_place_of_a_file_that_is_missing() {
             };
             std::fs::remove_file(file).unwrap();
             let again = upload(&store, "volume", Some("mask")).await;
-            let again = store.submit_upload(again, Parameters::default()).await;
+            let again = store.submit(again, Parameters::default(), None).await;
             assert!(!again.unwrap().created);
             assert!(file.is_file(), "{}", kind.name());
         }
@@ -171,11 +173,11 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
     let directory = tempfile::tempdir().unwrap();
     let store = store(&directory).await;
     let upload = upload(&store, "volume", Some("mask")).await;
-    let submitted = store.submit_upload(upload, Parameters::default()).await;
+    let submitted = store.submit(upload, Parameters::default(), None).await;
     let of = submitted.unwrap().case.id;
     assert_eq!(claim(&store).await.unwrap().case, Some(of));
     // With the manifest.
-    assert_eq!(store.case_objects(&of).await.unwrap().len(), 3);
+    assert_eq!(store.objects_of(&of).await.unwrap().len(), 3);
     let closer = || Parameters {
         closing_radius_mm: 8.0,
         ..Parameters::default()
@@ -187,14 +189,14 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
             mask,
             parameters: closer(),
         };
-        let names = store.case_objects(&of).await.unwrap();
+        let names = store.objects_of(&of).await.unwrap();
         let id = version.id(&names).unwrap();
         assert_ne!(version.id_with(&names, &Parameters::default()), Some(id));
         let made = store.submit_version(version).await.unwrap().unwrap();
         assert_eq!((made.case.id, made.case.previous), (id, Some(of)));
         let claimed = claim(&store).await.unwrap();
         assert_eq!(claimed.case, Some(id));
-        let names = store.case_objects(&id).await.unwrap();
+        let names = store.objects_of(&id).await.unwrap();
         assert_eq!(names.len(), sources + 1);
         let volume = store.read(&id, &names, ObjectKind::SourceVolume);
         assert_eq!(volume.await.unwrap().as_deref(), Some(&b"volume"[..]));
@@ -230,9 +232,9 @@ async fn derived_objects_are_read_once_their_case_is_ready() {
         std::fs::write(file, b"damaged").unwrap();
     }
     assert!(matches!(read(&store, &id).await, Attempt::Bad));
-    assert_eq!(store.counters().bad_objects, 2);
+    assert_eq!(store.signals().counters().bad_objects, 2);
     // Written again for the ready case, they are sound.
-    publish(&store, Publisher::Rebuild(&id), "volume").await;
+    publish(&store, Publisher::Ready((&id).into()), "volume").await;
     assert!(matches!(read(&store, &id).await, Attempt::Read(_)));
 }
 
@@ -243,7 +245,7 @@ async fn whose_head_it_is_is_kept_apart() {
         dicom: Some(store.spool_all("whose".into()).await.unwrap()),
         ..upload(&store, "volume", None).await
     };
-    let submitted = store.submit_upload(dicom, Parameters::default()).await;
+    let submitted = store.submit(dicom, Parameters::default(), None).await;
     let of_dicom = submitted.unwrap().case.id;
     let of_nifti = submit(&store, "volume").await.unwrap().case.id;
     for (id, expected) in [(of_dicom, Some(&b"whose"[..])), (of_nifti, None)] {
@@ -261,7 +263,7 @@ async fn deletions_tell_whoever_remembers_and_keep_what_others_need() {
     store.on_delete(move |id| hook.lock().unwrap().push(*id));
     let plain = submit(&store, "volume").await.unwrap().case.id;
     let masked = upload(&store, "volume", Some("mask")).await;
-    let masked = store.submit_upload(masked, Parameters::default()).await;
+    let masked = store.submit(masked, Parameters::default(), None).await;
     let masked = masked.unwrap().case.id;
     let stored = |root: &Path| objects_below(&root.join("objects")).len();
     assert_eq!(stored(directory.path()), 4, "both have one volume");
@@ -281,7 +283,7 @@ async fn a_store_is_checked_and_says_whether_its_disk_is_full() {
             min_free_bytes,
             ..Options::default()
         };
-        let store = Store::open_with(directory.path(), options).await.unwrap();
+        let store = Store::open(directory.path(), options).await.unwrap();
         let checked = store.check().await;
         assert_eq!(checked.err().map(|error| error.is_full()), is_full);
         store.close().await;

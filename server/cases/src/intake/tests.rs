@@ -72,7 +72,7 @@ async fn setup() -> Setup {
             pipeline.derive(input, parameters, limits, observe, cancelled)
         }),
     };
-    let store = Store::open_with(directory.path(), options.store.clone());
+    let store = Store::open(directory.path(), options.store.clone());
     let library_options = LibraryOptions {
         limits: options.limits,
         ..LibraryOptions::default()

@@ -1,6 +1,7 @@
 //! Doubts two cases that have the same voxels with other axes.
 
 use case::{CaseFacts, CaseId};
+use storage::tables::cases;
 use storage::{Store, StoreError};
 
 /// How many cases with the same voxels are compared.
@@ -17,9 +18,9 @@ pub(super) async fn contradicts_header(
     let Some(voxels) = &facts.voxels else {
         return Ok(false);
     };
-    let same = store
-        .cases_with_voxels(&voxels.values, MOST_COMPARED)
-        .await?;
+    let mut connection = store.connect().await?;
+    let same = cases::with_voxels(&mut connection, &voxels.values, MOST_COMPARED).await?;
+    drop(connection);
     let mut is_doubtful = false;
     for case in same.iter().filter(|case| case.id != *id) {
         let other = case.facts.as_ref().and_then(|facts| facts.voxels.as_ref());

@@ -3,7 +3,7 @@
 use async_trait::async_trait;
 use case::{FailureKind, JobKind, ObjectKind};
 use pipeline::layers::PreparedLayer;
-use storage::{Count, Published, StoreError, frame_all};
+use storage::{Count, Published, Publisher, StoreError, frame_all};
 
 use super::usual_terms;
 use crate::library::Library;
@@ -23,7 +23,8 @@ impl Work for PrepareLayer {
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
         let store = self.0.store();
-        let Some((case, id)) = job.claim.layer() else {
+        let owner = job.claim.owner();
+        let Some((case, id)) = owner.and_then(|owner| Some((owner.case, owner.layer?))) else {
             return Ok(End::Settled);
         };
         let Some(layer) = store.layer(&case, &id).await? else {
@@ -50,7 +51,8 @@ impl Work for PrepareLayer {
             Failed::Forever(failure)
         })?;
         let framed = frame_all(vec![(ObjectKind::Layer, payload)]).await?;
-        let published = store.publish_layer(&job.claim, &framed, &facts).await?;
+        let publisher = Publisher::Layer(&job.claim, &facts);
+        let published = store.publish(publisher, &framed).await?;
         if published == Published::Done {
             store.signals().count(Count::Prepared);
             let placement = &facts.placement;

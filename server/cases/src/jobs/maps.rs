@@ -21,10 +21,8 @@ impl Work for ComputeMaps {
     }
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
-        match (job.claim.layer(), job.claim.case) {
-            (Some((case, layer)), _) => self.0.make_maps((case, Some(layer))).await?,
-            (None, Some(case)) => self.0.make_maps((case, None)).await?,
-            (None, None) => {}
+        if let Some(owner) = job.claim.owner() {
+            self.0.make_maps(owner).await?;
         }
         Ok(End::Done)
     }

@@ -44,8 +44,8 @@ impl Work for PrepareCase {
             true => &[JobKind::MAPS],
             false => &[],
         };
-        let publisher = Publisher::Worker(&job.claim, next);
-        match store.publish(publisher, &framed, &derived.facts).await? {
+        let publisher = Publisher::Case(&job.claim, &derived.facts, next);
+        match store.publish(publisher, &framed).await? {
             Published::Done => {
                 store.signals().count(Count::Prepared);
                 tracing::info!(job = job.claim.fence, case = id.short(), "a case is ready");
@@ -72,7 +72,7 @@ impl PrepareCase {
     /// What a preparation makes of the sources, on a blocking thread; nothing is stored yet.
     async fn derive(&self, job: &Running, case: Case) -> Result<Derived, Failed> {
         let (library, id) = (&self.0, case.id);
-        let mut names = library.store().case_objects(&id).await?;
+        let mut names = library.store().objects_of(&id).await?;
         names.retain(|name| name.kind.is_source());
         let read = library.decoded_uploads().take(&id);
         let source = match &read {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use case::{CaseFacts, Failure, Layer as LayerRow, LayerFacts, LayerKind, ObjectKind};
+use case::{CaseFacts, CaseState, Failure, Layer as LayerRow, LayerFacts, LayerKind, ObjectKind};
 use geometry::{Envelope, Volume};
 use pipeline::codec::decode_volume;
 use pipeline::layers::{
@@ -11,7 +11,7 @@ use pipeline::layers::{
 };
 use pipeline::{affine_of, envelope_of};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
-use storage::StoreError;
+use storage::{Owner, StoreError};
 
 use super::Library;
 use crate::cache::Part;
@@ -146,23 +146,20 @@ impl Library {
     /// # Errors
     /// [`StoreError::SourceMissing`], or if the store cannot be reached.
     pub(super) async fn stored_voxels(&self, row: &LayerRow) -> Result<Option<Volume>, StoreError> {
-        let store = self.store();
-        let payload = store
-            .read_layer(&row.case, &row.id, ObjectKind::Layer)
-            .await?;
+        let (store, owner) = (self.store(), Owner::from((&row.case, &row.id)));
+        let names = store.objects_of(owner).await?;
+        let payload = store.read(owner, &names, ObjectKind::Layer).await?;
         let decode = move || payload.and_then(|payload| decode_layer(&payload));
         let volume = tokio::task::spawn_blocking(decode).await?;
         if volume.is_none() {
             // A layer whose source is missing stays as it is.
             self.layer_source(row).await?;
         }
-        if volume.is_none() && store.prepare_layer_again(&row.case, &row.id).await? {
+        if volume.is_none() && store.prepare_again(owner, CaseState::Ready).await? {
             tracing::warn!(
                 case = row.case.short(),
                 "the voxels of a layer are lost; it is prepared again from its source"
             );
-            store.signals().queued();
-            store.signals().changed(&row.case);
         }
         Ok(volume)
     }
@@ -186,7 +183,7 @@ impl Library {
         let Some(prepared) = self.load(&row.case, KINDS, decode).await? else {
             return Ok(None);
         };
-        let names = self.store().case_objects(&row.case).await?;
+        let names = self.store().objects_of(&row.case).await?;
         let Some(own) = self.source(&row.case, &names).await? else {
             return Ok(Some(Err(Failure::source_damaged())));
         };
@@ -211,16 +208,15 @@ impl Library {
     /// # Errors
     /// [`StoreError::SourceMissing`], or if the store cannot be reached.
     async fn layer_source(&self, row: &LayerRow) -> Result<Option<LayerSource>, StoreError> {
-        let store = self.store();
-        let (case, id) = (&row.case, &row.id);
-        let Some(volume) = store.read_layer(case, id, ObjectKind::SourceLayer).await? else {
+        let (store, owner) = (self.store(), Owner::from((&row.case, &row.id)));
+        let names = store.objects_of(owner).await?;
+        let Some(volume) = store.read(owner, &names, ObjectKind::SourceLayer).await? else {
             return Ok(None);
         };
-        let names = store.layer_objects(case, id).await?;
         let is_dicom = names
             .iter()
             .any(|name| name.kind == ObjectKind::SourceDicom);
-        let dicom = store.read_layer(case, id, ObjectKind::SourceDicom).await?;
+        let dicom = store.read(owner, &names, ObjectKind::SourceDicom).await?;
         Ok((dicom.is_some() == is_dicom).then_some(LayerSource { volume, dicom }))
     }
 }

@@ -3,16 +3,13 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use case::{CandidateFacts, CaseId, JunctionBandFacts, LayerId, MapName, RegionFacts};
+use case::{CandidateFacts, JunctionBandFacts, LayerId, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
 use pipeline::maps::{CaseMaps, HeadDoubts, Judgement, NoMaps, judgement, map_unit};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 
 use crate::cache::CacheValue;
-
-/// A case, or one of its layers.
-pub(crate) type Owner = (CaseId, Option<LayerId>);
 
 /// The maps of a case, or the map of a FLAIR among its layers, in memory and ready for drawing.
 #[derive(Debug)]

@@ -10,10 +10,11 @@ use pipeline::codec::{decode_brain, decode_maps, decode_volume, encode_maps, enc
 use pipeline::envelope_of;
 use pipeline::maps::{MapsOrReason, NoMaps, compute_flair};
 use pipeline::surfaces::{DividedCase, compute_maps_and_surfaces};
-use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
+use storage::tables::jobs;
+use storage::{NewJob, Owner, Publisher, StoreError, frame_all};
 
 use super::Library;
-use super::loaded_maps::{FLAIR_NOT_PLACED, FlairState, Known, LoadedMaps, MapsState, Owner};
+use super::loaded_maps::{FLAIR_NOT_PLACED, FlairState, Known, LoadedMaps, MapsState};
 use crate::cache::Part;
 
 /// Why maps were not read.
@@ -29,7 +30,7 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        self.maps_of((*id, None)).await
+        self.maps_of(id.into()).await
     }
 
     /// The map of the newest FLAIR of a ready case, in the same way; `None` if no layer is a FLAIR.
@@ -41,7 +42,7 @@ impl Library {
         if let Some(newest) = Layer::newest_flair(&layers) {
             return Ok(Some(FlairState {
                 layer: Some(newest.id),
-                state: self.maps_of((*id, Some(newest.id))).await?,
+                state: self.maps_of((id, &newest.id).into()).await?,
             }));
         }
         let open = layers.iter().filter(|layer| layer.closed.is_none());
@@ -68,7 +69,7 @@ impl Library {
         id: &CaseId,
         layer: &LayerId,
     ) -> Result<MapsState, StoreError> {
-        self.maps_of((*id, Some(*layer))).await
+        self.maps_of((id, layer).into()).await
     }
 
     /// The maps of a case or of one of its layers.
@@ -76,20 +77,19 @@ impl Library {
         if !self.makes_maps() {
             return Ok(MapsState::Off);
         }
-        let (id, layer) = &owner;
-        if let Some(known) = self.cache().get::<Known>(id, Part::Maps(*layer)) {
+        let part = Part::Maps(owner.layer);
+        if let Some(known) = self.cache().get::<Known>(&owner.case, part) {
             return Ok((&*known).into());
         }
-        let new = match &owner {
-            (id, None) => NewJob::of_ready_case(JobKind::MAPS, id),
-            (id, Some(layer)) => NewJob::maps_of_layer(id, layer),
-        };
-        let job = self.store().latest_job(new.kind, &new.key).await?;
+        let new = NewJob::about(JobKind::MAPS, owner);
+        let mut connection = self.store().connect().await?;
+        let job = jobs::latest(&mut connection, new.kind, &new.key).await?;
+        drop(connection);
         // A damaged object is not read repeatedly meanwhile.
         if job.as_ref().is_some_and(|job| !job.state.has_ended()) {
             return Ok(MapsState::Making);
         }
-        if let Some(found) = self.stored_maps(&owner).await? {
+        if let Some(found) = self.stored_maps(owner).await? {
             return Ok(found);
         }
         // If only the store failed, they may be computed now.
@@ -109,26 +109,30 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub(crate) async fn ensure_maps(&self, id: &CaseId) -> Result<(), StoreError> {
-        if self.makes_maps() && self.maps_object(id).await?.is_none() {
+        if !self.makes_maps() {
+            return Ok(());
+        }
+        let names = self.store().objects_of(id).await?;
+        if names.iter().all(|name| name.kind != ObjectKind::Maps) {
             self.maps(id).await?;
         }
         Ok(())
     }
 
     /// The maps in memory or in the store; `None` if they must be computed.
-    async fn stored_maps(&self, owner: &Owner) -> Result<Option<MapsState>, StoreError> {
-        let (id, layer) = owner;
+    async fn stored_maps(&self, owner: Owner) -> Result<Option<MapsState>, StoreError> {
+        let (id, part) = (&owner.case, Part::Maps(owner.layer));
         let read = async {
             let read = self.read_maps(owner).await.map_err(NotRead::Failed)?;
             let maps = read.ok_or(NotRead::NotStored)?;
-            let key = match layer {
+            let key = match &owner.layer {
                 None => id.number(),
                 Some(layer) => id.number().rotate_left(1) ^ layer.number(),
             };
             let known: Known = maps.map(|maps| Arc::new(LoadedMaps::new(key, maps)));
             Ok(known)
         };
-        match self.cache().get_or_make(id, Part::Maps(*layer), read).await {
+        match self.cache().get_or_make(id, part, read).await {
             Ok(known) => Ok(Some((&*known).into())),
             Err(NotRead::Failed(error)) => Err(error),
             Err(NotRead::NotStored) => Ok(None),
@@ -140,10 +144,10 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn make_maps_now(&self, id: &CaseId) -> Result<(), StoreError> {
-        self.make_maps((*id, None)).await?;
+        self.make_maps(id.into()).await?;
         let layers = self.store().layers(id).await?;
         match Layer::newest_flair(&layers) {
-            Some(newest) => self.make_maps((*id, Some(newest.id))).await,
+            Some(newest) => self.make_maps((id, &newest.id).into()).await,
             None => Ok(()),
         }
     }
@@ -168,11 +172,11 @@ impl Library {
         if !self.makes_maps() {
             return Ok(());
         }
-        if self.read_maps(&owner).await?.is_some() {
+        if self.read_maps(owner).await?.is_some() {
             return Ok(());
         }
-        let (id, layer) = &owner;
-        let flair = match layer {
+        let id = &owner.case;
+        let flair = match &owner.layer {
             None => None,
             Some(layer) => match self.flair_voxels(id, layer).await? {
                 None => return Ok(()),
@@ -210,56 +214,37 @@ impl Library {
             let mut payloads = vec![(ObjectKind::Maps, encode_maps(&maps).into())];
             let surfaces = surfaces.map(|surfaces| encode_surfaces(&surfaces).into());
             payloads.extend(surfaces.map(|surfaces| (ObjectKind::Surfaces, surfaces)));
-            Some((payloads, undefined, facts.clone()))
+            Some((payloads, undefined))
         };
-        let Some((payloads, undefined, facts)) = self.load(id, KINDS, compute).await? else {
+        let Some((payloads, undefined)) = self.load(id, KINDS, compute).await? else {
             return Ok(());
         };
         let framed = frame_all(payloads).await?;
-        match layer {
-            None => {
-                let publisher = Publisher::Rebuild(id);
-                self.store().publish(publisher, &framed, &facts).await?;
-            }
-            Some(layer) => {
-                self.store().publish_of_layer(id, layer, &framed).await?;
-            }
-        }
-        self.cache().drop_part(id, Part::Maps(*layer));
+        let publisher = Publisher::Ready(owner);
+        self.store().publish(publisher, &framed).await?;
+        self.cache().drop_part(id, Part::Maps(owner.layer));
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
             case = id.short(),
             took_ms,
             undefined = undefined.as_deref(),
-            of_layer = layer.is_some(),
+            of_layer = owner.layer.is_some(),
             "computed the maps of a case"
         );
         Ok(())
     }
 
-    /// The object of the maps of a case; `None` if it has none yet.
-    async fn maps_object(&self, id: &CaseId) -> Result<Option<ObjectName>, StoreError> {
-        let names = self.store().case_objects(id).await?;
-        Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
-    }
-
     /// The stored maps of a case or of a layer; `None` if they are missing, damaged or of another format.
-    async fn read_maps(&self, (id, layer): &Owner) -> Result<Option<MapsOrReason>, StoreError> {
-        let kind = ObjectKind::Maps;
-        let payload = match layer {
-            Some(layer) => self.store().read_layer(id, layer, kind).await?,
-            None => match self.maps_object(id).await? {
-                Some(name) => self.store().read(id, &[name], kind).await?,
-                None => None,
-            },
-        };
-        let Some(payload) = payload else {
+    async fn read_maps(&self, owner: Owner) -> Result<Option<MapsOrReason>, StoreError> {
+        let names = self.store().objects_of(owner).await?;
+        let read = self.store().read(owner, &names, ObjectKind::Maps).await?;
+        let Some(payload) = read else {
             return Ok(None);
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
         if decoded.is_none() {
             tracing::info!(
-                case = id.short(),
+                case = owner.case.short(),
                 "the maps of a case are of another format and will be computed again"
             );
         }

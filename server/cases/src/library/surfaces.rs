@@ -115,14 +115,14 @@ impl Library {
                 envelope: &envelope_of(facts, envelope)?,
                 volume: &decode_volume(volume)?,
             });
-            Some((encode_surfaces(&surfaces), surfaces, facts.clone()))
+            Some((encode_surfaces(&surfaces), surfaces))
         };
-        let Some((payload, surfaces, facts)) = self.load(id, KINDS, compute).await? else {
+        let Some((payload, surfaces)) = self.load(id, KINDS, compute).await? else {
             return Ok(None);
         };
         let framed = frame_all(vec![(ObjectKind::Surfaces, payload.into())]).await?;
-        let publisher = Publisher::Rebuild(id);
-        self.store().publish(publisher, &framed, &facts).await?;
+        let publisher = Publisher::Ready(id.into());
+        self.store().publish(publisher, &framed).await?;
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
             took_ms,
@@ -134,7 +134,7 @@ impl Library {
 
     /// The stored surfaces of a case; `None` if they are missing, damaged or of another format.
     async fn read_surfaces(&self, id: &CaseId) -> Result<Option<SurfacesOrReason>, StoreError> {
-        let names = self.store().case_objects(id).await?;
+        let names = self.store().objects_of(id).await?;
         let read = self.store().read(id, &names, ObjectKind::Surfaces).await?;
         let Some(payload) = read else {
             return Ok(None);

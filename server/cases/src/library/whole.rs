@@ -37,10 +37,10 @@ impl Library {
     async fn restore_whole_volume(&self, id: &CaseId) -> Result<Option<Volume>, StoreError> {
         let ready = |case: &case::Case| case.state == CaseState::Ready;
         let case = self.store().case(id).await?.filter(ready);
-        let Some(facts) = case.and_then(|case| case.facts) else {
+        if case.is_none() {
             return Ok(None);
-        };
-        let names = self.store().case_objects(id).await?;
+        }
+        let names = self.store().objects_of(id).await?;
         let Some(source) = self.source(id, &names).await? else {
             return Ok(None);
         };
@@ -55,8 +55,8 @@ impl Library {
             StoreError::Objects("a volume exceeds the limits of this server".into())
         })?;
         let framed = frame_all(vec![(ObjectKind::WholeVolume, payload)]).await?;
-        let publisher = Publisher::Rebuild(id);
-        self.store().publish(publisher, &framed, &facts).await?;
+        let publisher = Publisher::Ready(id.into());
+        self.store().publish(publisher, &framed).await?;
         Ok(Some(volume))
     }
 }

@@ -30,7 +30,7 @@ struct Ready {
 
 async fn ready() -> Ready {
     let directory = tempfile::tempdir().unwrap();
-    let store = Store::open_with(directory.path(), Options::default());
+    let store = Store::open(directory.path(), Options::default());
     let store = store.await.unwrap();
     ready_in(store, directory).await
 }
@@ -173,7 +173,7 @@ async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
         .unwrap()
         .unwrap();
     assert!(*model.paths(size, PathKind::Forest).await.unwrap() == *expected);
-    assert_eq!(ready.library.store().counters().rebuilds, 1);
+    assert_eq!(ready.library.store().signals().counters().rebuilds, 1);
 }
 
 #[tokio::test]
@@ -190,7 +190,7 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
             .unwrap();
         assert!(model.model() == first.model());
         assert_eq!(
-            ready.library.store().counters().rebuilds,
+            ready.library.store().signals().counters().rebuilds,
             rebuilds as u64 + 1,
             "{kind}"
         );
@@ -214,7 +214,7 @@ async fn a_lost_whole_volume_comes_from_the_source_and_the_case_is_not_prepared_
     assert!(whole().await.as_ref() == Some(&acquired));
     ready.damage("whole-volume");
     assert!(whole().await.as_ref() == Some(&acquired));
-    assert_eq!(ready.library.store().counters().rebuilds, 0);
+    assert_eq!(ready.library.store().signals().counters().rebuilds, 0);
     assert!(whole_file(&ready).is_some(), "it is stored again");
     // The source is not needed as long as the object is there.
     ready.damage("source-volume");
@@ -250,7 +250,9 @@ async fn a_deleted_case_has_no_model() {
 async fn a_case_deleted_by_another_process_has_no_model_soon_after() {
     let mut ready = ready().await;
     ready.model().await;
-    let other = Store::open(ready.directory.path()).await.unwrap();
+    let other = Store::open(ready.directory.path(), Options::default())
+        .await
+        .unwrap();
     other.delete(&ready.id).await.unwrap();
     ready.models.pass_time(TRUST_FOR);
     assert!(
@@ -273,11 +275,7 @@ async fn what_was_seen_is_served_for_a_while_without_the_database() {
         database: Some(DatabaseAddress::parse(&postgres.database().await).unwrap()),
         ..directory.path().into()
     };
-    let options = Options {
-        create: true,
-        ..Options::default()
-    };
-    let store = Store::open_at(&location, options).await.unwrap();
+    let store = Store::open(location, Options::default()).await.unwrap();
     let ready = ready_in(store, directory).await;
     let mut cases = application(ready.library.store().clone(), "");
     cases.ready(&ready.id).await.unwrap();

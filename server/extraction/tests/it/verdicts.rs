@@ -140,7 +140,7 @@ fn row(head: &str, what: &str, rating: Option<&Quality>) {
         format!("{:.3}, {:.3}, {:.3}", rim.here, rim.elsewhere, rim.flipped)
     });
     let apart = rating.comparison.map_or(String::new(), |comparison| {
-        let apart = comparison.apart;
+        let apart = comparison.distance;
         format!(
             "{:.3} | {:.1} | {:.1} | {:.0} | {:.1?} | rms {:.2}, flipped {:.2}",
             comparison.overlap,

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use case::{CaseId, LayerId, ObjectKind};
+use case::{CaseId, CaseState, LayerId, ObjectKind};
 use cases::pictures::{GpuUse, GraphicsOptions};
 use cases::{Adopted, Cases, Library};
 use clap::Args;
@@ -130,12 +130,15 @@ impl Defects {
             }
         }
         for id in std::mem::take(&mut self.to_prepare) {
-            if store.prepare_failed_again(&id).await? {
+            if store.prepare_again(&id, CaseState::Failed).await? {
                 println!("will be prepared again: case {id}");
             }
         }
         for (id, layer) in std::mem::take(&mut self.layers_to_prepare) {
-            if store.prepare_failed_layer_again(&id, &layer).await? {
+            if store
+                .prepare_again((&id, &layer), CaseState::Failed)
+                .await?
+            {
                 println!("will be prepared again: layer {layer} of case {id}");
             }
         }

@@ -1,7 +1,7 @@
 //! `isocortex init-store` and `isocortex new-store-id`.
 
 use clap::Args;
-use storage::{Options, Store};
+use storage::{Opening, Options, Store};
 
 use super::common::StoreArgs;
 use super::status::CliError;
@@ -30,26 +30,26 @@ pub(super) struct NewStoreIdArgs {
 
 /// Makes a store.
 pub(super) fn init(args: &InitStoreArgs) -> Result<(), CliError> {
-    super::keep_files_private();
-    let location = args.store.config()?.cases()?.location;
-    let options = Options {
-        create: true,
-        ..store_options()
-    };
-    super::block_on(async { print_id(Store::open_at(&location, options).await?).await })
+    open_and_print(&args.store, Opening::OrMake)
 }
 
 /// Gives a store another id.
 pub(super) fn new_id(args: &NewStoreIdArgs) -> Result<(), CliError> {
-    super::keep_files_private();
-    let location = args.store.config()?.cases()?.location;
-    super::block_on(async {
-        print_id(Store::open_with_new_id(&location, store_options()).await?).await
-    })
+    open_and_print(&args.store, Opening::WithNewId)
 }
 
-async fn print_id(store: Store) -> Result<(), CliError> {
-    println!("{}", store.id().await?);
-    store.close().await;
-    Ok(())
+/// Opens a store and prints its id.
+fn open_and_print(store: &StoreArgs, opening: Opening) -> Result<(), CliError> {
+    super::keep_files_private();
+    let location = store.config()?.cases()?.location;
+    let options = Options {
+        opening,
+        ..store_options()
+    };
+    super::block_on(async {
+        let store = Store::open(location, options).await?;
+        println!("{}", store.id().await?);
+        store.close().await;
+        Ok(())
+    })
 }

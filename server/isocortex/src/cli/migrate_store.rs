@@ -5,7 +5,8 @@ use std::path::Path;
 use clap::Args;
 use pacs::{CopiedStep, OfPacs, PacsStore};
 use storage::{
-    BadAddress, Copied, CopyStep, DatabaseAddress, Location, ObjectsAddress, Options, Store,
+    BadAddress, Copied, CopyStep, DatabaseAddress, Location, ObjectsAddress, Opening, Options,
+    Store,
 };
 use tempfile::TempDir;
 
@@ -61,12 +62,12 @@ impl Named {
         })
     }
 
-    async fn open(&self, create: bool) -> Result<PacsStore, CliError> {
+    async fn open(self, opening: Opening) -> Result<PacsStore, CliError> {
         let options = Options {
-            create,
+            opening,
             ..store_options()
         };
-        let store = Store::open_at(&self.location, options).await?;
+        let store = Store::open(self.location, options).await?;
         Ok(PacsStore::new(store))
     }
 }
@@ -106,7 +107,8 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
     super::block_on(async {
         let [from, to] = [&args.from, &args.to].map(|store| Named::parse(store));
         let (from, to) = (from?, to?);
-        let (source, target) = (from.open(false).await?, to.open(true).await?);
+        let source = from.open(Opening::Existing).await?;
+        let target = to.open(Opening::OrMake).await?;
         // What is made of images is judged by them.
         source.copy_images_into(&target).await?;
         let mut copied = source.copy_into(&target, &mut report).await?;

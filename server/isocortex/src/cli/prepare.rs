@@ -17,7 +17,7 @@ use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
 use cases::{Library, LibraryOptions};
 use pipeline::{Limits, Source};
-use storage::Store;
+use storage::{Opening, Store};
 
 /// The time for the worker to finish.
 pub(super) const GRACE: Duration = Duration::from_secs(5);
@@ -49,7 +49,11 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
     super::block_on(async {
-        let store = Store::open_with(&data, store_options()).await?;
+        let options = storage::Options {
+            opening: Opening::OrMake,
+            ..store_options()
+        };
+        let store = Store::open(&data, options).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
         into_store(library, source, images, parameters, layers).await
     })

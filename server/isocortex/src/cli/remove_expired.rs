@@ -47,7 +47,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
         return Err(CliError::new(ExitStatus::Usage, message));
     };
     super::block_on(async {
-        let store = Store::open_at(&options.location, options.store).await?;
+        let store = Store::open(options.location, options.store).await?;
         let expired = store.expired(keep, usize::MAX).await?;
         for id in &expired {
             if let Some(case) = store.case(id).await? {

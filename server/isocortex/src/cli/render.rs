@@ -10,7 +10,7 @@ use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http::{query, sent};
 use render::choice::Renderer;
-use storage::{Location, Store};
+use storage::Store;
 
 use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
@@ -156,7 +156,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    Ok(Store::open_at(&Location::from(&*data), store_options()).await?)
+    Ok(Store::open(&data, store_options()).await?)
 }
 
 /// The case of a volume, in a store in memory.

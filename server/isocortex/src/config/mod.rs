@@ -24,7 +24,7 @@ use http::listen::ConnectionLimits;
 use http::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress, Opening};
 use worker::{ChildBudget, Program};
 
 use crate::logs::LogFormat;
@@ -42,6 +42,7 @@ pub(crate) const DICOM_UNPACKING: u64 = 4;
 /// The usual options of a store, which has the tables of the PACS.
 pub fn store_options() -> storage::Options {
     storage::Options {
+        opening: Opening::Existing,
         tables: Arc::new(::pacs::PacsTables),
         ..storage::Options::default()
     }
@@ -594,7 +595,10 @@ impl Config {
         Ok(cases::Options {
             location: self.location()?,
             store: storage::Options {
-                create: self.storage.create,
+                opening: match self.storage.create {
+                    true => Opening::OrMake,
+                    false => Opening::Existing,
+                },
                 queue_limit: self.limits.max_queued_cases,
                 min_free_bytes: self.storage.min_free_bytes,
                 longest_preparation: Duration::from_secs(self.prepare.max_secs),

@@ -132,8 +132,8 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
     let series = named.series.as_deref().map(uid);
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
-    let fitting = pacs.arrivals().fitting(&query).await?;
-    if fitting.is_ambiguous() {
+    let matches = pacs.arrivals().matches(&query).await?;
+    if matches.is_ambiguous() {
         let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/cases/search` lists with its patient";
         return Err(AppError::new(
             StatusCode::CONFLICT,
@@ -141,7 +141,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
             detail,
         ));
     }
-    let case = fitting.heads.into_iter().next().ok_or_else(missing)?.case;
+    let case = matches.heads.into_iter().next().ok_or_else(missing)?.case;
     match (case.state, case.failure) {
         (CaseState::Ready, _) => Ok(case.id),
         (CaseState::Failed, Some(failure)) => Err(Error::from(failure).into()),

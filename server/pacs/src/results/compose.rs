@@ -31,6 +31,7 @@ use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest,
 use crate::state::Pacs;
 use crate::values::ResultSeries;
 use http::problem::AppError;
+use storage::tables::series;
 
 /// A part of every UID. Raise it if the same request gives another object.
 const FORMAT: &str = "isocortex result 4";
@@ -85,7 +86,7 @@ impl Composer {
         let cases = pacs.cases();
         let facts = cases.ready(&id).await?;
         let case = cases.case(&id).await?;
-        let series = cases.store().series_of(&id).await?;
+        let series = series::of_case(&mut cases.store().connect().await?, &id).await?;
         // What was sent of a wrong patient must still be withdrawn.
         let is_rejection = matches!(plan, Plan::KeyObject(_));
         if let Some(why) = case.closed.filter(|_| !is_rejection) {

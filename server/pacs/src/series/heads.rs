@@ -6,6 +6,7 @@ use case::series::{CaseSeries, SeriesQuery, SeriesUids};
 use case::{Case, CaseState};
 use cases::Patient;
 use storage::StoreError;
+use storage::tables::series::cases_of;
 
 use super::Arrivals;
 
@@ -126,7 +127,7 @@ impl Arrivals {
     /// If the store cannot be reached.
     pub(crate) async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
-        let all = self.store().cases_of(query).await?;
+        let all = cases_of(&mut self.store().connect().await?, query).await?;
         for series in all {
             let case = self.store().case(&series.case).await?;
             let Some(case) = case.filter(|case| case.closed.is_none()) else {

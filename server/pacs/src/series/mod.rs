@@ -6,7 +6,7 @@
 mod becomes;
 mod contradiction;
 mod heads;
-mod others;
+mod matches;
 mod read;
 #[cfg(test)]
 mod tests;
@@ -25,7 +25,7 @@ use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
 pub(crate) use self::contradiction::Contradiction;
 pub(crate) use self::heads::Head;
-pub(crate) use self::others::{Fitting, Other};
+pub(crate) use self::matches::{Matches, SeriesWithoutCase};
 pub use self::read::start_series_reader;
 
 /// The most images whose patients are remembered.

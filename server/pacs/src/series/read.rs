@@ -15,6 +15,7 @@ use cases::dicom::{Options, Purpose, copy_objects};
 use cases::layers::ReceivedLayer;
 use cases::runner::{End, Failed, Runner, Running, Terms, Work};
 use cases::{Error, VolumeFiles};
+use storage::tables::{layers, made};
 use storage::{Count, Made, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
 
@@ -183,9 +184,9 @@ impl Arrivals {
         ) {
             Becomes::Known(case) => {
                 // From now on they have not come again.
-                self.store()
-                    .note_made_of(&Made::case(&case), &upload.images)
-                    .await?;
+                let (mut transaction, _) = self.store().write().await?;
+                made::make(&mut transaction, &Made::case(&case), &upload.images).await?;
+                transaction.commit().await?;
                 return Ok(Outcome::Case(case));
             }
             Becomes::Incomplete { again, of } => {
@@ -292,19 +293,23 @@ impl Arrivals {
     ) -> Result<(), StoreError> {
         let open = self.store().layers(case).await?.into_iter();
         let open: Vec<_> = open.filter(|layer| layer.closed.is_none()).collect();
-        let all = self.store().made_of(&Made::layer(case, kept)).await?;
+        let mut connection = self.store().connect().await?;
+        let all = made::of(&mut connection, &Made::layer(case, kept)).await?;
+        let of_series = layers::of_series(&mut connection, &uids.series).await?;
+        drop(connection);
         let has = |image: &Image| {
             let mut all = all.iter().filter(|known| known.uid == image.uid);
             all.any(|known| known.fingerprint.is_same(&image.fingerprint))
         };
-        for (of, layer) in self.store().layers_of_series(&uids.series).await? {
+        for (of, layer) in of_series {
             let is_open = open.iter().any(|open| open.id == layer);
             if of != *case || layer == *kept || !is_open {
                 continue;
             }
-            let some = self.store().made_of(&Made::layer(case, &layer)).await?;
+            let made = Made::layer(case, &layer);
+            let some = made::of(&mut self.store().connect().await?, &made).await?;
             if some.len() < all.len() && some.iter().all(has) {
-                self.store().delete_layer(case, &layer).await?;
+                self.store().delete((case, &layer)).await?;
             }
         }
         Ok(())

@@ -7,11 +7,12 @@ use cases::dicom::Rejection;
 use jiff::Timestamp;
 use storage::args;
 use storage::tables::{
-    Connection, Row, containing, jobs, microseconds, new_id, pins, read_accession_number,
+    Connection, Referred, Row, containing, jobs, microseconds, new_id, pins, read_accession_number,
     read_case, read_time, read_uid, read_uids, unreadable,
 };
-use storage::{ListCursor, ObjectName, StoreError};
+use storage::{Claim, Cursor, NewJob, ObjectName, Pinned, StoreError};
 
+use super::PacsStore;
 use super::columns::{count, read_count, read_digest};
 use super::images::{self, Arrived, wake_layers_of_closed};
 use crate::values::{
@@ -32,9 +33,461 @@ macro_rules! select_arrival {
     };
 }
 
+impl PacsStore {
+    /// Adds images, whose objects are durable and pinned, to their series; what became of each. An image that is there already stays as it
+    /// is, unless the new one is another one.
+    pub(crate) async fn insert_images(
+        &self,
+        instances: &[NewInstance],
+        pinned: &Pinned,
+        source: ArrivalSource,
+    ) -> Result<Referred<Vec<Reception>>, StoreError> {
+        let (transaction, now) = self.write().await?;
+        self.add_images(transaction, instances, pinned, source, now)
+            .await
+    }
+
+    /// Makes arrivals of images whose objects are there, and which no row names. Nothing is written but rows, and by one transaction, which
+    /// also pins the objects, so that nothing is removed if it fails.
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or one of the objects is being removed.
+    pub(crate) async fn adopt_images(
+        &self,
+        images: &[NewInstance],
+        source: ArrivalSource,
+    ) -> Result<Vec<Reception>, StoreError> {
+        let pinned = Pinned::new(images.iter().map(ObjectName::from));
+        let (mut transaction, now) = self.write().await?;
+        pins::hold(&mut transaction, &pinned, now).await?;
+        let added = self.add_images(transaction, images, &pinned, source, now);
+        match added.await? {
+            Referred::Done(received) | Referred::Unneeded(received) => Ok(received),
+            Referred::PinLost => Err(StoreError::Rows("an image is being removed".into())),
+        }
+    }
+
+    /// Turns pins into references, adds the images and commits.
+    async fn add_images(
+        &self,
+        mut transaction: Connection,
+        instances: &[NewInstance],
+        pinned: &Pinned,
+        source: ArrivalSource,
+        now: i64,
+    ) -> Result<Referred<Vec<Reception>>, StoreError> {
+        if !pins::consume(&mut transaction, pinned).await? {
+            return Ok(Referred::PinLost);
+        }
+        let (mut received, mut changed) = (Vec::with_capacity(instances.len()), Vec::new());
+        for instance in instances {
+            received.push(add(&mut transaction, source, instance, now, &mut changed).await?);
+        }
+        transaction.commit().await?;
+        self.all_changed(&changed);
+        Ok(Referred::Done(received))
+    }
+
+    fn all_changed(&self, cases: &[CaseId]) {
+        for case in cases {
+            self.signals().changed(case);
+        }
+    }
+
+    /// Counts an object that is not kept in the arrival of its series, which is made if there is none. An arrival that has nothing else
+    /// became nothing, for this reason.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn ignore(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        transaction
+            .execute(
+                "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
+                 VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
+                 ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
+                args![
+                    new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
+                    serde_json::to_string(reason)?, now,
+                ],
+            )
+            .await?;
+        transaction.commit().await
+    }
+
+    /// Rejects what a note names: what was made of it is closed, and the images stay in case that it is lifted; their series are read again
+    /// without them. An image that is here in another series than the note says is not rejected. Returns how many of the images are here.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn reject(
+        &self,
+        rejection: &Rejection,
+        source: ArrivalSource,
+        by: &str,
+    ) -> Result<usize, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let changed = images::reject(&mut transaction, rejection, by, now).await?;
+        let mut here = 0;
+        for (uids, instances) in &rejection.series {
+            let row = transaction
+                .fetch_one(
+                    "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
+                     VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
+                     ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
+                     RETURNING id",
+                    args![
+                        new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
+                        serde_json::to_string(&images_rejected())?, now,
+                    ],
+                )
+                .await?;
+            here += read_again(&mut transaction, &row.get::<String>("id")?, instances).await?;
+        }
+        transaction.commit().await?;
+        self.all_changed(&changed);
+        Ok(here)
+    }
+
+    /// Lifts a rejection: its images count again, and their series is read again. `false` if there is none with this id.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn lift(&self, rejection: &str) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let mut changed = Vec::new();
+        let Some((uids, instances)) =
+            images::lift(&mut transaction, rejection, &mut changed).await?
+        else {
+            return Ok(false);
+        };
+        let row = transaction
+            .fetch_optional(
+                "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
+                args![uids.study.as_str(), uids.series.as_str()],
+            )
+            .await?;
+        if let Some(row) = row {
+            read_again(&mut transaction, &row.get::<String>("id")?, &instances).await?;
+        }
+        transaction.commit().await?;
+        self.all_changed(&changed);
+        Ok(true)
+    }
+
+    /// Notes how many images a series has, according to its sender; nothing if none of them has come.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn expect(
+        &self,
+        uids: &SeriesUids,
+        instances: usize,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        transaction
+            .execute(
+                "UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3",
+                args![count(instances), uids.study.as_str(), uids.series.as_str()],
+            )
+            .await?;
+        transaction.commit().await
+    }
+
+    /// Queues a job for each series that is due; returns how many.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub(crate) async fn queue_due_series(&self, terms: &DueTerms) -> Result<usize, StoreError> {
+        // Most queries find nothing and must not wait for writers.
+        let mut reader = self.connect().await?;
+        let now = reader.now().await?;
+        let found = due(&mut reader, terms, now).await?;
+        drop(reader);
+        if found.is_empty() {
+            return Ok(0);
+        }
+        let (mut transaction, now) = self.write().await?;
+        let due = due(&mut transaction, terms, now).await?;
+        for id in &due {
+            let job = NewJob::new(SERIES, id.clone());
+            jobs::enqueue(&mut transaction, &job, now).await?;
+        }
+        transaction.commit().await?;
+        Ok(due.len())
+    }
+
+    /// The series that a job is to read; `None` if it was forgotten.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn series_to_read(
+        &self,
+        claim: &Claim,
+    ) -> Result<Option<DueSeries>, StoreError> {
+        let mut connection = self.connect().await?;
+        let row = connection
+            .fetch_optional(
+                "SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1",
+                args![&claim.key],
+            )
+            .await?;
+        let Some(row) = row else {
+            return Ok(None);
+        };
+        Ok(Some(DueSeries {
+            uids: read_uids(&row)?,
+            taken: read_taken(&row)?,
+            is_corrected: row.get::<i64>("corrected")? > 0,
+            images: due_images(&mut connection, &claim.key).await?,
+        }))
+    }
+
+    /// Notes what became of a series and ends its job; `false`, and nothing has changed, if the lease is not ours any
+    /// more, or the case is gone.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub(crate) async fn settle(
+        &self,
+        claim: &Claim,
+        outcome: &Outcome,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        // A series that became nothing was read: the job is done, and the series has the reason.
+        let settled = jobs::finish(&mut transaction, claim, Ok(()), now).await?
+            && settle(&mut transaction, &claim.key, outcome).await?;
+        if settled {
+            if let Outcome::Case(case) | Outcome::Layer(case) = outcome {
+                jobs::became(&mut transaction, claim, case).await?;
+            }
+            transaction.commit().await?;
+        }
+        Ok(settled)
+    }
+
+    /// Lets a series be read again as somebody wants it, whatever it was refused for: the reason stays. Nothing if there is no such series;
+    /// one that is not complete yet is still awaited.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn take(&self, arrival: &str, taken: &Taken) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        transaction
+            .execute(
+                "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
+                        state = 'receiving', reason = NULL, corrected = 0
+                 WHERE id = $2",
+                args![serde_json::to_string(taken)?, arrival],
+            )
+            .await?;
+        // Whoever reads it at this moment does not decide.
+        jobs::cancel(&mut transaction, SERIES, arrival).await?;
+        transaction.commit().await
+    }
+
+    /// At most `limit` series after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn arrivals(
+        &self,
+        query: &ArrivalQuery,
+        after: Option<&Cursor>,
+        limit: usize,
+    ) -> Result<(Vec<Arrival>, Option<Cursor>), StoreError> {
+        let mut connection = self.connect().await?;
+        let (at, id) = Cursor::place(after);
+        let rows = connection
+            .fetch_all(
+                select_arrival!(
+                    "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
+                   AND ($5 = '' OR $5 = state)
+                   AND ($6 = '' OR $6 = case_id)
+                   AND ($7 = '' OR lower(label) LIKE lower($7) ESCAPE '!')
+                 ORDER BY first_at DESC, id DESC LIMIT $8"
+                ),
+                args![
+                    at,
+                    id,
+                    query.since.map_or(0, Timestamp::as_microsecond),
+                    query.until.map_or(i64::MAX, Timestamp::as_microsecond),
+                    query.state.map_or("", ArrivalState::name),
+                    query.case.map_or_else(String::new, |case| case.to_string()),
+                    query.text.as_deref().map_or_else(String::new, containing),
+                    count(limit.saturating_add(1))
+                ],
+            )
+            .await?;
+        let arrivals = rows.iter().map(read).collect::<Result<_, _>>()?;
+        Ok(Cursor::page(arrivals, limit, |arrival: &Arrival| {
+            (arrival.first_at, arrival.id.clone())
+        }))
+    }
+
+    /// A series that came.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
+        let mut connection = self.connect().await?;
+        let row = connection
+            .fetch_optional(select_arrival!("WHERE id = $1"), args![id])
+            .await?;
+        row.as_ref().map(read).transpose()
+    }
+
+    /// The series that came and that a request names.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn arrivals_of(
+        &self,
+        query: &SeriesQuery,
+    ) -> Result<Vec<Arrival>, StoreError> {
+        let mut connection = self.connect().await?;
+        let rows = match query {
+            SeriesQuery::Study(study, series) => connection
+                .fetch_all(
+                    select_arrival!(
+                    "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
+                ),
+                    args![study.as_str(), series.as_ref().map(Uid::as_str)],
+                ),
+            SeriesQuery::AccessionNumber(number) => connection
+                .fetch_all(
+                    select_arrival!(
+                    "WHERE accession_number = $1 ORDER BY first_at, id"
+                ),
+                    args![number.as_str()],
+                ),
+        };
+        rows.await?.iter().map(read).collect()
+    }
+
+    /// The images of a series that are here and are not rejected.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn counting_images_of(
+        &self,
+        uids: &SeriesUids,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.connect().await?;
+        let row = connection
+            .fetch_optional(
+                "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
+                args![uids.study.as_str(), uids.series.as_str()],
+            )
+            .await?;
+        let images = match row {
+            Some(row) => due_images(&mut connection, &row.get::<String>("id")?).await?,
+            None => Vec::new(),
+        };
+        Ok(images.into_iter().map(|image| image.object).collect())
+    }
+
+    /// The images of a series that are here, by their UIDs.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
+        images_of(&mut self.connect().await?, uids).await
+    }
+
+    /// Forgets the images of a series that are not among these.
+    pub(crate) async fn keep_images(
+        &self,
+        arrival: &Arrival,
+        kept: &[(Uid, ObjectName)],
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let mut forgotten = Vec::new();
+        for image in images_of(&mut transaction, &arrival.uids).await? {
+            if kept.contains(&image) {
+                continue;
+            }
+            transaction
+                .execute(
+                    "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
+                     AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
+                    args![image.0.as_str(), arrival.uids.study.as_str(), arrival.uids.series.as_str()],
+                )
+                .await?;
+            forgotten.push(image.1);
+        }
+        transaction
+            .execute(
+                "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
+                args![count(forgotten.len()), arrival.uids.study.as_str(), arrival.uids.series.as_str()],
+            )
+            .await?;
+        pins::abandon(&mut transaction, forgotten, now).await?;
+        transaction.commit().await
+    }
+
+    /// Makes a series of another store as it is there, and adds some of its images; `false`, and nothing has changed, if a pin is gone. A
+    /// series that is here keeps its id and its images. One whose case is not here is read again.
+    pub(crate) async fn write_copied_arrival(
+        &self,
+        arrival: &Arrival,
+        images: &[NewInstance],
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !pins::consume(&mut transaction, pinned).await? {
+            return Ok(false);
+        }
+        transaction
+            .execute(
+                "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
+                 VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
+                 ON CONFLICT (study_uid, series_uid) DO NOTHING",
+                args![
+                    &arrival.id, arrival.uids.study.as_str(), arrival.uids.series.as_str(),
+                    arrival.accession_number.as_ref().map(AccessionNumber::as_str),
+                    arrival.source.name(), now,
+                ],
+            )
+            .await?;
+        for image in images {
+            write_copied_image(&mut transaction, arrival, image, now).await?;
+        }
+        // Without its case, it is read again.
+        let case = held(&mut transaction, arrival.case).await?;
+        let state = match arrival.state {
+            ArrivalState::Case | ArrivalState::Layer if case.is_none() => ArrivalState::Receiving,
+            state => state,
+        };
+        let reason = arrival.reason.as_ref().map(serde_json::to_string);
+        let taken = arrival.taken.as_ref().map(serde_json::to_string);
+        let refused = arrival.refused.as_ref().map(serde_json::to_string);
+        transaction
+            .execute(
+                "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
+                        label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11
+                 WHERE study_uid = $12 AND series_uid = $13",
+                args![
+                    state.name(), reason.transpose()?, case, arrival.expected.map(count),
+                    arrival.first_at.as_microsecond(), arrival.last_at.as_microsecond(), &arrival.label,
+                    taken.transpose()?, refused.transpose()?, count(arrival.corrected),
+                    count(arrival.ignored), arrival.uids.study.as_str(), arrival.uids.series.as_str(),
+                ],
+            )
+            .await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+}
+
 /// Adds an image, and the cases that may have closed or opened by it. The pin of a file that is kept becomes a reference; that of another
 /// one expires.
-pub(super) async fn add(
+async fn add(
     connection: &mut Connection,
     source: ArrivalSource,
     new: &NewInstance,
@@ -185,79 +638,6 @@ async fn replace(
     Ok(())
 }
 
-/// Counts an object that is not kept in the arrival of its series, which is made if there is none.
-pub(super) async fn ignore(
-    connection: &mut Connection,
-    uids: &SeriesUids,
-    source: ArrivalSource,
-    reason: &Failure,
-    now: i64,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
-            args![
-                new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
-                serde_json::to_string(reason)?, now,
-            ],
-        )
-        .await?;
-    Ok(())
-}
-
-/// Notes what a note rejects, and lets the series be read again without it. Their images stay, in case that it is lifted. Returns how many
-/// of them are here.
-pub(super) async fn reject(
-    connection: &mut Connection,
-    rejection: &Rejection,
-    source: ArrivalSource,
-    by: &str,
-    now: i64,
-    changed: &mut Vec<CaseId>,
-) -> Result<usize, StoreError> {
-    changed.extend(images::reject(connection, rejection, by, now).await?);
-    let mut here = 0;
-    for (uids, instances) in &rejection.series {
-        let row = connection
-            .fetch_one(
-                "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
-                 VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
-                 ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
-                 RETURNING id",
-                args![
-                    new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
-                    serde_json::to_string(&images_rejected())?, now,
-                ],
-            )
-            .await?;
-        here += read_again(connection, &row.get::<String>("id")?, instances).await?;
-    }
-    Ok(here)
-}
-
-/// Lifts a rejection, and lets its series be read again; whether there was one.
-pub(super) async fn lift(
-    connection: &mut Connection,
-    id: &str,
-    changed: &mut Vec<CaseId>,
-) -> Result<bool, StoreError> {
-    let Some((uids, instances)) = images::lift(connection, id, changed).await? else {
-        return Ok(false);
-    };
-    let row = connection
-        .fetch_optional(
-            "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
-            args![uids.study.as_str(), uids.series.as_str()],
-        )
-        .await?;
-    if let Some(row) = row {
-        read_again(connection, &row.get::<String>("id")?, &instances).await?;
-    }
-    Ok(true)
-}
-
 /// Lets a series be read again that has any of these images; how many of them it has.
 async fn read_again(
     connection: &mut Connection,
@@ -314,54 +694,6 @@ async fn series(
     row.get("id")
 }
 
-/// Makes a series of another store as it is there, and adds some of its images, whose pins become references. A series
-/// that is here keeps its id and its images.
-pub(super) async fn write_copied(
-    connection: &mut Connection,
-    arrival: &Arrival,
-    images: &[NewInstance],
-    now: i64,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
-             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO NOTHING",
-            args![
-                &arrival.id, arrival.uids.study.as_str(), arrival.uids.series.as_str(),
-                arrival.accession_number.as_ref().map(AccessionNumber::as_str),
-                arrival.source.name(), now,
-            ],
-        )
-        .await?;
-    for image in images {
-        write_copied_image(connection, arrival, image, now).await?;
-    }
-    // Without its case, it is read again.
-    let case = held(connection, arrival.case).await?;
-    let state = match arrival.state {
-        ArrivalState::Case | ArrivalState::Layer if case.is_none() => ArrivalState::Receiving,
-        state => state,
-    };
-    let reason = arrival.reason.as_ref().map(serde_json::to_string);
-    let taken = arrival.taken.as_ref().map(serde_json::to_string);
-    let refused = arrival.refused.as_ref().map(serde_json::to_string);
-    connection
-        .execute(
-            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                    label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11
-             WHERE study_uid = $12 AND series_uid = $13",
-            args![
-                state.name(), reason.transpose()?, case, arrival.expected.map(count),
-                arrival.first_at.as_microsecond(), arrival.last_at.as_microsecond(), &arrival.label,
-                taken.transpose()?, refused.transpose()?, count(arrival.corrected),
-                count(arrival.ignored), arrival.uids.study.as_str(), arrival.uids.series.as_str(),
-            ],
-        )
-        .await?;
-    Ok(())
-}
-
 /// Adds the file of an image of another store, or puts it in the place of the one that is here. What the image is was copied before.
 async fn write_copied_image(
     connection: &mut Connection,
@@ -400,52 +732,8 @@ async fn held(
     }
 }
 
-/// Forgets the images of a series that are not among these.
-pub(super) async fn keep(
-    connection: &mut Connection,
-    uids: &SeriesUids,
-    kept: &[(Uid, ObjectName)],
-    now: i64,
-) -> Result<(), StoreError> {
-    let mut forgotten = Vec::new();
-    for image in images_of(connection, uids).await? {
-        if kept.contains(&image) {
-            continue;
-        }
-        connection
-            .execute(
-                "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
-                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
-                args![image.0.as_str(), uids.study.as_str(), uids.series.as_str()],
-            )
-            .await?;
-        forgotten.push(image.1);
-    }
-    connection
-        .execute(
-            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
-            args![count(forgotten.len()), uids.study.as_str(), uids.series.as_str()],
-        )
-        .await?;
-    pins::abandon(connection, forgotten, now).await
-}
-
-pub(super) async fn expect(
-    connection: &mut Connection,
-    uids: &SeriesUids,
-    instances: usize,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3",
-            args![count(instances), uids.study.as_str(), uids.series.as_str()],
-        )
-        .await?;
-    Ok(())
-}
-
 /// The series that are due and have no job yet. One whose announced images have all come waits no longer.
-pub(super) async fn due(
+async fn due(
     connection: &mut Connection,
     terms: &DueTerms,
     now: i64,
@@ -462,28 +750,6 @@ pub(super) async fn due(
         )
         .await?;
     rows.iter().map(|row| row.get("id")).collect()
-}
-
-/// A series that a job is to read; `None` if it was forgotten.
-pub(super) async fn to_read(
-    connection: &mut Connection,
-    id: &str,
-) -> Result<Option<DueSeries>, StoreError> {
-    let row = connection
-        .fetch_optional(
-            "SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1",
-            args![id],
-        )
-        .await?;
-    let Some(row) = row else {
-        return Ok(None);
-    };
-    Ok(Some(DueSeries {
-        uids: read_uids(&row)?,
-        taken: read_taken(&row)?,
-        is_corrected: row.get::<i64>("corrected")? > 0,
-        images: due_images(connection, id).await?,
-    }))
 }
 
 /// The images of a series that are not rejected, by UID.
@@ -528,7 +794,7 @@ fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
 }
 
 /// Notes what became of a series; `false` if its case is gone.
-pub(super) async fn settle(
+async fn settle(
     connection: &mut Connection,
     id: &str,
     outcome: &Outcome,
@@ -596,111 +862,7 @@ async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreE
     Ok(())
 }
 
-/// Lets a series be read as a user asks; the reason of its refusal stays. One that is not complete yet is still
-/// awaited.
-pub(super) async fn take(
-    connection: &mut Connection,
-    id: &str,
-    taken: &Taken,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
-                    state = 'receiving', reason = NULL, corrected = 0
-             WHERE id = $2",
-            args![serde_json::to_string(taken)?, id],
-        )
-        .await?;
-    // Whoever reads it at this moment does not decide.
-    jobs::cancel(connection, SERIES, id).await
-}
-
-pub(super) async fn page(
-    connection: &mut Connection,
-    query: &ArrivalQuery,
-    after: Option<&ListCursor>,
-    limit: usize,
-) -> Result<(Vec<Arrival>, Option<ListCursor>), StoreError> {
-    let (at, id) = ListCursor::place(after);
-    let rows = connection
-        .fetch_all(
-            select_arrival!(
-                "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
-               AND ($5 = '' OR $5 = state)
-               AND ($6 = '' OR $6 = case_id)
-               AND ($7 = '' OR lower(label) LIKE lower($7) ESCAPE '!')
-             ORDER BY first_at DESC, id DESC LIMIT $8"
-            ),
-            args![
-                at,
-                id,
-                query.since.map_or(0, Timestamp::as_microsecond),
-                query.until.map_or(i64::MAX, Timestamp::as_microsecond),
-                query.state.map_or("", ArrivalState::name),
-                query.case.map_or_else(String::new, |case| case.to_string()),
-                query.text.as_deref().map_or_else(String::new, containing),
-                count(limit.saturating_add(1))
-            ],
-        )
-        .await?;
-    let arrivals = rows.iter().map(read).collect::<Result<_, _>>()?;
-    Ok(ListCursor::page(arrivals, limit, |arrival: &Arrival| {
-        (arrival.first_at, &arrival.id)
-    }))
-}
-
-pub(super) async fn one(
-    connection: &mut Connection,
-    id: &str,
-) -> Result<Option<Arrival>, StoreError> {
-    let row = connection
-        .fetch_optional(select_arrival!("WHERE id = $1"), args![id])
-        .await?;
-    row.as_ref().map(read).transpose()
-}
-
-pub(super) async fn of(
-    connection: &mut Connection,
-    query: &SeriesQuery,
-) -> Result<Vec<Arrival>, StoreError> {
-    let rows = match query {
-        SeriesQuery::Study(study, series) => connection
-            .fetch_all(
-                select_arrival!(
-                "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
-            ),
-                args![study.as_str(), series.as_ref().map(Uid::as_str)],
-            ),
-        SeriesQuery::AccessionNumber(number) => connection
-            .fetch_all(
-                select_arrival!(
-                "WHERE accession_number = $1 ORDER BY first_at, id"
-            ),
-                args![number.as_str()],
-            ),
-    };
-    rows.await?.iter().map(read).collect()
-}
-
-/// The images of a series that are here and are not rejected.
-pub(super) async fn counting_images_of(
-    connection: &mut Connection,
-    uids: &SeriesUids,
-) -> Result<Vec<ObjectName>, StoreError> {
-    let row = connection
-        .fetch_optional(
-            "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
-            args![uids.study.as_str(), uids.series.as_str()],
-        )
-        .await?;
-    let images = match row {
-        Some(row) => due_images(connection, &row.get::<String>("id")?).await?,
-        None => Vec::new(),
-    };
-    Ok(images.into_iter().map(|image| image.object).collect())
-}
-
-pub(super) async fn images_of(
+async fn images_of(
     connection: &mut Connection,
     uids: &SeriesUids,
 ) -> Result<Vec<(Uid, ObjectName)>, StoreError> {

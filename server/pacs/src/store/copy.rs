@@ -2,7 +2,9 @@
 
 use std::collections::HashSet;
 
-use storage::{Copied, Made, ObjectName, StoreError};
+use case::series::Uid;
+use storage::tables::made;
+use storage::{Copied, Made, ObjectName, Pinned, StoreError};
 
 use super::PacsStore;
 use crate::values::{Arrival, ArrivalQuery, NewInstance, SentResult, TransferQuery};
@@ -140,29 +142,27 @@ impl PacsStore {
             let end = images.len().min((number + 1) * IMAGES_AT_ONCE);
             let some = &images[number * IMAGES_AT_ONCE..end];
             let names: HashSet<_> = some.iter().map(|(_, name)| *name).collect();
-            let mut pinned = other.pin(names).await?;
-            let mut whole = Vec::new();
-            for (uid, name) in some {
-                if self.copy_object(other, name, copied).await? {
-                    whole.push(NewInstance {
-                        uids: arrival.uids.clone(),
-                        accession_number: arrival.accession_number.clone(),
-                        sop_instance_uid: uid.clone(),
-                        digest: name.digest,
-                        label: arrival.label.clone(),
-                        fingerprint: None,
-                    });
-                } else {
-                    lost.push(*name);
-                    pinned.names.retain(|pinned| pinned != name);
+            let names: Vec<_> = names.into_iter().collect();
+            let image = |(uid, name): &(Uid, ObjectName)| NewInstance {
+                uids: arrival.uids.clone(),
+                accession_number: arrival.accession_number.clone(),
+                sop_instance_uid: uid.clone(),
+                digest: name.digest,
+                label: arrival.label.clone(),
+                fingerprint: None,
+            };
+            let write = |mut pinned: Pinned, missing: Vec<ObjectName>| async move {
+                pinned.names.retain(|name| !missing.contains(name));
+                let whole = some.iter().filter(|(_, name)| !missing.contains(name));
+                let whole: Vec<_> = whole.map(image).collect();
+                match other.write_copied_arrival(arrival, &whole, &pinned).await? {
+                    true => Ok((whole.len() as u64, missing)),
+                    false => Err(StoreError::Rows("a pin was lost".into())),
                 }
-            }
-            let written = other.write_copied_arrival(arrival, &whole, &pinned).await?;
-            other.abandon(&pinned).await;
-            if !written {
-                return Err(StoreError::Rows("a pin was lost".into()));
-            }
-            of_pacs.images += whole.len() as u64;
+            };
+            let (whole, missing) = self.copy_objects(other, &names, copied, write).await?;
+            lost.extend(missing);
+            of_pacs.images += whole;
         }
         of_pacs.series += 1;
         if !lost.is_empty() {
@@ -184,11 +184,13 @@ impl PacsStore {
     ) -> Result<bool, StoreError> {
         // The layers that it shows may be gone.
         let made = Made::result(&result.case, &result.id);
-        let made_of = self.made_of(&made).await?;
-        let pinned = other.pin([result.object]).await?;
-        let written = self.copy_object(other, &result.object, copied).await?
-            && other.write_copied_result(result, &made_of, &pinned).await?;
-        other.abandon(&pinned).await;
+        let made_of = &made::of(&mut self.connect().await?, &made).await?;
+        let write = |pinned: Pinned, lost: Vec<ObjectName>| async move {
+            Ok(lost.is_empty() && other.write_copied_result(result, made_of, &pinned).await?)
+        };
+        let written = self
+            .copy_objects(other, &[result.object], copied, write)
+            .await?;
         if written {
             of_pacs.results += 1;
         } else if self.result(&result.id).await?.is_some() {

@@ -8,6 +8,7 @@ use case::images::{Fingerprint, Following, Image};
 use case::series::{SeriesUids, Uid};
 use case::{CaseId, LayerId};
 use cases::dicom::Rejection;
+use jiff::Timestamp;
 use storage::args;
 use storage::tables::{
     Connection, Row, as_it_is_known, new_id, read_closed, read_fingerprint, read_state, read_time,
@@ -15,11 +16,241 @@ use storage::tables::{
 };
 use storage::{Made, StoreError};
 
+use super::PacsStore;
 use super::columns::{count, read_count};
-use super::timestamp;
 use crate::values::{
     ArrivalSource, LastImage, MadeCase, MadeImage, NewInstance, Rejected, Withdrawn,
 };
+
+impl PacsStore {
+    /// Whether a PACS has sent an image with a UID.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn has_come(&self, image: &Uid) -> Result<bool, StoreError> {
+        let last = last(&mut self.connect().await?, image).await?;
+        Ok(last.is_some())
+    }
+
+    /// The latest rejections that stand: what notes have rejected of each series, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn rejections(&self, limit: usize) -> Result<Vec<Rejected>, StoreError> {
+        let mut connection = self.connect().await?;
+        let rows = connection
+            .fetch_all(
+                "SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
+                        min(may_return) AS may_return
+                 FROM rejections WHERE study_uid <> '' GROUP BY id, study_uid, series_uid
+                 ORDER BY max(rejected_at) DESC, id LIMIT $1",
+                args![count(limit)],
+            )
+            .await?;
+        let read = |row: &Row| {
+            Ok(Rejected {
+                id: row.get("id")?,
+                uids: read_uids(row)?,
+                instances: read_count(row.get("instances")?),
+                may_return: row.get::<i64>("may_return")? != 0,
+                by: row.get("rejected_by")?,
+                at: read_time(row, "rejected_at")?,
+            })
+        };
+        rows.iter().map(read).collect()
+    }
+
+    /// The cases that were made of any of these images, each with all of its own, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn made_of_any(&self, of: &[Image]) -> Result<Vec<MadeCase>, StoreError> {
+        let mut connection = self.connect().await?;
+        let mut ids = BTreeSet::new();
+        for image in of {
+            let rows = connection
+                .fetch_all(
+                    "SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''",
+                    args![image.uid.as_str()],
+                )
+                .await?;
+            for row in &rows {
+                ids.insert(row.get::<String>("case_id")?);
+            }
+        }
+        let mut cases = Vec::with_capacity(ids.len());
+        for id in ids {
+            let row = connection
+                .fetch_one(
+                    "SELECT state, NULL AS job_state, closed, created_at FROM cases WHERE id = $1",
+                    args![&id],
+                )
+                .await?;
+            let state = read_state(&row).ok_or_else(|| unreadable("a state"))?;
+            let created_at: i64 = row.get("created_at")?;
+            let closed = read_closed(&row, "closed")?;
+            let case = CaseId::parse(&id).ok_or_else(|| unreadable("a case"))?;
+            let rows = connection
+                .fetch_all(
+                    "SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
+                            CAST(CASE WHEN images.times > made_of.times THEN 1 ELSE 0 END AS BIGINT) AS again,
+                            CAST(CASE WHEN EXISTS (SELECT 1 FROM rejections
+                                 WHERE rejections.sop_instance_uid = made_of.sop_instance_uid
+                                   AND rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid)
+                                 THEN 1 ELSE 0 END AS BIGINT) AS rejected
+                     FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
+                     WHERE made_of.case_id = $1 AND made_of.layer_id = '' AND made_of.result_id = ''
+                     ORDER BY made_of.sop_instance_uid",
+                    args![&id],
+                )
+                .await?;
+            let mut is_received = false;
+            let read = |row: &Row| {
+                is_received |= row.get::<i64>("times")? > 0;
+                Ok::<_, StoreError>(MadeImage {
+                    uid: read_uid(row, "sop_instance_uid")?,
+                    fingerprint: read_fingerprint(row)?
+                        .ok_or_else(|| unreadable("a fingerprint"))?,
+                    has_come_again: row.get::<i64>("again")? != 0
+                        || row.get::<i64>("rejected")? != 0,
+                })
+            };
+            let images = rows.iter().map(read).collect::<Result<_, _>>()?;
+            cases.push((
+                created_at,
+                MadeCase {
+                    case,
+                    state,
+                    closed,
+                    is_received,
+                    images,
+                },
+            ));
+        }
+        cases.sort_by_key(|(created_at, made)| (std::cmp::Reverse(*created_at), made.case));
+        Ok(cases.into_iter().map(|(_, case)| case).collect())
+    }
+
+    /// Notes that results are withdrawn, in whichever series they are.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let at = timestamp(now)?;
+        for instance in instances {
+            let withdrawn = Withdrawn {
+                uids: None,
+                instance: instance.clone(),
+                at,
+                id: String::new(),
+                by: String::new(),
+                may_return: false,
+            };
+            withdraw(&mut transaction, &withdrawn).await?;
+        }
+        transaction.commit().await
+    }
+
+    /// Whether each instance, such as a result, was withdrawn in whichever series.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn are_withdrawn(&self, instances: &[Uid]) -> Result<Vec<bool>, StoreError> {
+        let mut connection = self.connect().await?;
+        let mut are = Vec::with_capacity(instances.len());
+        for instance in instances {
+            let sql =
+                "SELECT EXISTS (SELECT 1 FROM rejections WHERE sop_instance_uid = $1) AS withdrawn";
+            let row = connection.fetch_one(sql, args![instance.as_str()]).await?;
+            are.push(row.get("withdrawn")?);
+        }
+        Ok(are)
+    }
+
+    /// At most `limit` withdrawn instances after one, by UID and series.
+    pub(crate) async fn withdrawn(
+        &self,
+        after: Option<&Withdrawn>,
+        limit: usize,
+    ) -> Result<Vec<Withdrawn>, StoreError> {
+        let mut connection = self.connect().await?;
+        let uids = after.and_then(|after| after.uids.as_ref());
+        let rows = connection
+            .fetch_all(
+                "SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
+                 WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
+                 ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
+                args![
+                    after.map_or("", |after| after.instance.as_str()),
+                    uids.map_or("", |uids| uids.study.as_str()),
+                    uids.map_or("", |uids| uids.series.as_str()), count(limit),
+                ],
+            )
+            .await?;
+        let read = |row: &Row| {
+            let study: String = row.get("study_uid")?;
+            Ok(Withdrawn {
+                uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
+                instance: read_uid(row, "sop_instance_uid")?,
+                at: read_time(row, "rejected_at")?,
+                id: row.get("id")?,
+                by: row.get("rejected_by")?,
+                may_return: row.get::<i64>("may_return")? != 0,
+            })
+        };
+        rows.iter().map(read).collect()
+    }
+
+    /// At most `limit` images after one, by UID.
+    pub(crate) async fn last_images(
+        &self,
+        after: Option<&LastImage>,
+        limit: usize,
+    ) -> Result<Vec<LastImage>, StoreError> {
+        let mut connection = self.connect().await?;
+        let rows = connection
+            .fetch_all(
+                "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+                 WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2",
+                args![after.map_or("", |after| after.uid.as_str()), count(limit)],
+            )
+            .await?;
+        rows.iter().map(read_last).collect()
+    }
+
+    /// Notes that instances were withdrawn at these times in another store.
+    pub(crate) async fn write_copied_withdrawn(
+        &self,
+        withdrawn: &[Withdrawn],
+    ) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        for withdrawn in withdrawn {
+            withdraw(&mut transaction, withdrawn).await?;
+        }
+        let instances: Vec<_> = withdrawn.iter().map(|one| &one.instance).collect();
+        judge(&mut transaction, &instances).await?;
+        transaction.commit().await
+    }
+
+    /// Notes that images came as another store has them, unless others have come here since.
+    pub(crate) async fn write_copied_images(&self, images: &[LastImage]) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        for image in images {
+            let here = last(&mut transaction, &image.uid).await?;
+            if here.is_none_or(|here| here.last_at <= image.last_at) {
+                write(&mut transaction, image).await?;
+            }
+        }
+        let uids: Vec<_> = images.iter().map(|image| &image.uid).collect();
+        judge(&mut transaction, &uids).await?;
+        transaction.commit().await
+    }
+}
+
+fn timestamp(now: i64) -> Result<Timestamp, StoreError> {
+    Timestamp::from_microsecond(now).map_err(|_| unreadable("a time"))
+}
 
 async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<LastImage>, StoreError> {
     let row = connection
@@ -52,11 +283,6 @@ pub(super) async fn last_sent(
     Ok(last(connection, uid)
         .await?
         .and_then(|last| last.fingerprint))
-}
-
-/// Whether an image with a UID was sent.
-pub(super) async fn has_come(connection: &mut Connection, uid: &Uid) -> Result<bool, StoreError> {
-    Ok(last(connection, uid).await?.is_some())
 }
 
 /// What an image is, beside the last one with its UID.
@@ -151,10 +377,7 @@ pub(super) async fn make_result(
 }
 
 /// Writes again what is closed of all that was made of images; the cases that it belongs to.
-pub(super) async fn judge(
-    connection: &mut Connection,
-    uids: &[&Uid],
-) -> Result<Vec<CaseId>, StoreError> {
+async fn judge(connection: &mut Connection, uids: &[&Uid]) -> Result<Vec<CaseId>, StoreError> {
     let mut all = BTreeSet::new();
     for uid in uids {
         let rows = connection
@@ -256,10 +479,7 @@ pub(super) async fn reject(
 }
 
 /// Writes that an instance is rejected. One that was rejected before keeps the later time, and does not return if either note forbids it.
-pub(super) async fn withdraw(
-    connection: &mut Connection,
-    withdrawn: &Withdrawn,
-) -> Result<(), StoreError> {
+async fn withdraw(connection: &mut Connection, withdrawn: &Withdrawn) -> Result<(), StoreError> {
     let uids = withdrawn.uids.as_ref();
     connection
         .execute(
@@ -305,96 +525,6 @@ pub(super) async fn lift(
     Ok(Some((uids, instances)))
 }
 
-/// What notes have rejected of each series, newest first.
-pub(super) async fn rejected(
-    connection: &mut Connection,
-    limit: usize,
-) -> Result<Vec<Rejected>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            "SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
-                    min(may_return) AS may_return
-             FROM rejections WHERE study_uid <> '' GROUP BY id, study_uid, series_uid
-             ORDER BY max(rejected_at) DESC, id LIMIT $1",
-            args![count(limit)],
-        )
-        .await?;
-    let read = |row: &Row| {
-        Ok(Rejected {
-            id: row.get("id")?,
-            uids: read_uids(row)?,
-            instances: read_count(row.get("instances")?),
-            may_return: row.get::<i64>("may_return")? != 0,
-            by: row.get("rejected_by")?,
-            at: read_time(row, "rejected_at")?,
-        })
-    };
-    rows.iter().map(read).collect()
-}
-
-/// Whether an instance was withdrawn, in whichever study.
-pub(super) async fn is_withdrawn(
-    connection: &mut Connection,
-    instance: &Uid,
-) -> Result<bool, StoreError> {
-    let row = connection
-        .fetch_optional(
-            "SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1",
-            args![instance.as_str()],
-        )
-        .await?;
-    Ok(row.is_some())
-}
-
-/// The next instances that are withdrawn, by UID and series.
-pub(super) async fn withdrawn(
-    connection: &mut Connection,
-    after: Option<&Withdrawn>,
-    limit: usize,
-) -> Result<Vec<Withdrawn>, StoreError> {
-    let uids = after.and_then(|after| after.uids.as_ref());
-    let rows = connection
-        .fetch_all(
-            "SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
-             WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
-             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
-            args![
-                after.map_or("", |after| after.instance.as_str()),
-                uids.map_or("", |uids| uids.study.as_str()),
-                uids.map_or("", |uids| uids.series.as_str()), count(limit),
-            ],
-        )
-        .await?;
-    let read = |row: &Row| {
-        let study: String = row.get("study_uid")?;
-        Ok(Withdrawn {
-            uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
-            instance: read_uid(row, "sop_instance_uid")?,
-            at: read_time(row, "rejected_at")?,
-            id: row.get("id")?,
-            by: row.get("rejected_by")?,
-            may_return: row.get::<i64>("may_return")? != 0,
-        })
-    };
-    rows.iter().map(read).collect()
-}
-
-/// The next images by UID.
-pub(super) async fn all(
-    connection: &mut Connection,
-    after: Option<&LastImage>,
-    limit: usize,
-) -> Result<Vec<LastImage>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
-             WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2",
-            args![after.map_or("", |after| after.uid.as_str()), count(limit)],
-        )
-        .await?;
-    rows.iter().map(read_last).collect()
-}
-
 async fn write(connection: &mut Connection, image: &LastImage) -> Result<(), StoreError> {
     connection
         .execute(
@@ -411,89 +541,6 @@ async fn write(connection: &mut Connection, image: &LastImage) -> Result<(), Sto
         )
         .await?;
     Ok(())
-}
-
-/// Writes images as another store has them, unless others have come here since.
-pub(super) async fn write_copied(
-    connection: &mut Connection,
-    images: &[LastImage],
-) -> Result<(), StoreError> {
-    for image in images {
-        let here = last(connection, &image.uid).await?;
-        if here.is_none_or(|here| here.last_at <= image.last_at) {
-            write(connection, image).await?;
-        }
-    }
-    let uids: Vec<_> = images.iter().map(|image| &image.uid).collect();
-    judge(connection, &uids).await.map(drop)
-}
-
-/// The cases that were made of any of these images, each with all of its own, newest first.
-pub(super) async fn made_of_any(
-    connection: &mut Connection,
-    images: &[Image],
-) -> Result<Vec<MadeCase>, StoreError> {
-    let mut ids = BTreeSet::new();
-    for image in images {
-        let rows = connection
-            .fetch_all(
-                "SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''",
-                args![image.uid.as_str()],
-            )
-            .await?;
-        for row in &rows {
-            ids.insert(row.get::<String>("case_id")?);
-        }
-    }
-    let mut cases = Vec::with_capacity(ids.len());
-    for id in ids {
-        let row = connection
-            .fetch_one(
-                "SELECT state, NULL AS job_state, closed, created_at FROM cases WHERE id = $1",
-                args![&id],
-            )
-            .await?;
-        let state = read_state(&row).ok_or_else(|| unreadable("a state"))?;
-        let created_at: i64 = row.get("created_at")?;
-        let closed = read_closed(&row, "closed")?;
-        let case = CaseId::parse(&id).ok_or_else(|| unreadable("a case"))?;
-        let rows = connection
-            .fetch_all(
-                "SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
-                        CAST(CASE WHEN images.times > made_of.times THEN 1 ELSE 0 END AS BIGINT) AS again,
-                        CAST(CASE WHEN EXISTS (SELECT 1 FROM rejections
-                             WHERE rejections.sop_instance_uid = made_of.sop_instance_uid
-                               AND rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid)
-                             THEN 1 ELSE 0 END AS BIGINT) AS rejected
-                 FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
-                 WHERE made_of.case_id = $1 AND made_of.layer_id = '' AND made_of.result_id = ''
-                 ORDER BY made_of.sop_instance_uid",
-                args![&id],
-            )
-            .await?;
-        let mut is_received = false;
-        let read = |row: &Row| {
-            is_received |= row.get::<i64>("times")? > 0;
-            Ok::<_, StoreError>(MadeImage {
-                uid: read_uid(row, "sop_instance_uid")?,
-                fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("a fingerprint"))?,
-                has_come_again: row.get::<i64>("again")? != 0 || row.get::<i64>("rejected")? != 0,
-            })
-        };
-        let images = rows.iter().map(read).collect::<Result<_, _>>()?;
-        cases.push((
-            created_at,
-            MadeCase {
-                case,
-                state,
-                closed,
-                is_received,
-                images,
-            },
-        ));
-    }
-    cases.sort_by_key(|(created_at, made)| (std::cmp::Reverse(*created_at), made.case));
-    Ok(cases.into_iter().map(|(_, case)| case).collect())
 }
 
 /// Forgets images and rejections that are older than a time and that nothing names any more.

@@ -45,20 +45,6 @@ impl PacsStore {
         received
     }
 
-    /// Makes arrivals of images whose objects are there, and which no row names. Nothing is written but rows, and by one transaction, so
-    /// that nothing is removed if it fails.
-    ///
-    /// # Errors
-    /// If the rows cannot be written, or one of the objects is being removed.
-    pub(crate) async fn adopt_images(
-        &self,
-        images: &[NewInstance],
-        source: ArrivalSource,
-    ) -> Result<Vec<Reception>, StoreError> {
-        let pinned = Pinned::new(images.iter().map(ObjectName::from));
-        self.insert_adopted_images(images, &pinned, source).await
-    }
-
     async fn receive_now(
         &self,
         images: &[(NewInstance, Spooled)],

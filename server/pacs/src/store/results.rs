@@ -1,15 +1,18 @@
-//! Results that are sent to a node.
+//! Results that are sent to a node of the PACS. Each is a DICOM object that is durable before the request for it is
+//! acknowledged, so every attempt sends the same bytes.
 
+use bytes::Bytes;
 use case::images::Image;
 use case::series::Uid;
 use case::{CaseId, Failure, JobState, LayerId};
 use storage::args;
 use storage::tables::{
-    Connection, Row, jobs, layers, made, new_id, pins, read_case, read_closed, read_time, read_uid,
-    unreadable,
+    Connection, Referred, Row, Writing, jobs, layers, made, new_id, pins, read_case, read_closed,
+    read_time, read_uid, unreadable,
 };
-use storage::{Job, ListCursor, Made, NewJob, ObjectName, StoreError};
+use storage::{Cursor, Job, Made, NewJob, ObjectName, Pinned, StoreError};
 
+use super::PacsStore;
 use super::columns::{count, read_digest};
 use super::images;
 use crate::values::{
@@ -30,31 +33,185 @@ macro_rules! select_result {
     };
 }
 
-/// A new result, or the one that is known already; it waits to be sent, unless it is on its way.
-pub(super) async fn queue(
-    connection: &mut Connection,
-    new: &NewResult,
-    now: i64,
-) -> Result<SentResult, StoreError> {
-    let here = layers::of_case(connection, &new.case).await?;
-    let is_here = |id: &LayerId| here.iter().any(|layer| layer.id == *id);
-    // A note rejects what it was.
-    if new.series.sop_class_uid.as_str() != REJECTION_NOTE && !new.layers.iter().all(is_here) {
-        return Err(StoreError::NoSuchLayer);
+impl PacsStore {
+    /// Keeps a result and queues the job that sends it. Afterwards it is durable. The operation completes even if the caller drops the future.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written, or there is no such case.
+    pub(crate) async fn queue_result(
+        &self,
+        new: NewResult,
+        file: Bytes,
+    ) -> Result<SentResult, StoreError> {
+        let store = self.clone();
+        tokio::spawn(async move { store.queue_result_now(&new, file).await }).await?
     }
-    let id = insert(connection, new, now).await?;
-    images::make_result(connection, &Made::result(&new.case, &id), &new.layers).await?;
-    let job = NewJob {
-        case: Some(new.case),
-        ..NewJob::new(SEND, id.clone())
-    };
-    jobs::enqueue(connection, &job, now).await?;
-    let queued = one(connection, &id).await?;
-    let queued = queued.ok_or_else(|| unreadable("an id"))?;
-    if queued.object != new.object() {
-        pins::abandon(connection, vec![new.object()], now).await?;
+
+    async fn queue_result_now(
+        &self,
+        new: &NewResult,
+        file: Bytes,
+    ) -> Result<SentResult, StoreError> {
+        let spooled = self.spool_all(file).await?;
+        let object = Writing::File(new.object(), &spooled);
+        let insert = |pinned: Pinned| async move { self.insert_result(new, &pinned).await };
+        let queued = self.with_pinned(&[object], insert).await?;
+        self.signals().queued();
+        Ok(queued)
     }
-    Ok(queued)
+
+    /// Queues a result for its node, and turns the pin of its object into a reference. A result that was sent to the node
+    /// before, or could not be, is sent there again with its first object; one that still waits is left as it is.
+    pub(crate) async fn insert_result(
+        &self,
+        new: &NewResult,
+        pinned: &Pinned,
+    ) -> Result<Referred<SentResult>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !pins::consume(&mut transaction, pinned).await? {
+            return Ok(Referred::PinLost);
+        }
+        let here = layers::of_case(&mut transaction, &new.case).await?;
+        let is_here = |id: &LayerId| here.iter().any(|layer| layer.id == *id);
+        // A note rejects what it was.
+        if new.series.sop_class_uid.as_str() != REJECTION_NOTE && !new.layers.iter().all(is_here) {
+            return Err(StoreError::NoSuchLayer);
+        }
+        let id = insert(&mut transaction, new, now).await?;
+        images::make_result(&mut transaction, &Made::result(&new.case, &id), &new.layers).await?;
+        let job = NewJob {
+            case: Some(new.case),
+            ..NewJob::new(SEND, id.clone())
+        };
+        jobs::enqueue(&mut transaction, &job, now).await?;
+        let queued = one(&mut transaction, &id).await?;
+        let queued = queued.ok_or_else(|| unreadable("an id"))?;
+        if queued.object != new.object() {
+            pins::abandon(&mut transaction, vec![new.object()], now).await?;
+        }
+        transaction.commit().await?;
+        Ok(Referred::Done(queued))
+    }
+
+    /// Makes a result of another store as it is there, whose layers are made of these images, and turns the pin of its object into a
+    /// reference; one that was on its way waits again. `false`, and nothing has changed, if the pin is gone or its case is not here.
+    pub(crate) async fn write_copied_result(
+        &self,
+        result: &SentResult,
+        made_of: &[Image],
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !transaction.has_case(&result.case.to_string()).await?
+            || !pins::consume(&mut transaction, pinned).await?
+        {
+            return Ok(false);
+        }
+        let new = NewResult {
+            case: result.case,
+            node: result.node.clone(),
+            study: result.study.clone(),
+            series: result.series.clone(),
+            instance: result.instance.clone(),
+            layers: result.layers.clone(),
+            digest: result.object.digest,
+        };
+        let known = insert(&mut transaction, &new, now).await?;
+        jobs::remove(&mut transaction, &known).await?;
+        transaction
+            .execute(
+                "UPDATE results SET id = $1, created_at = $2 WHERE id = $3",
+                args![&result.id, result.created_at.as_microsecond(), known],
+            )
+            .await?;
+        let result_images = Made::result(&result.case, &result.id);
+        made::make(&mut transaction, &result_images, made_of).await?;
+        if let Some(job) = &result.job {
+            jobs::write_copied(&mut transaction, job, now).await?;
+        }
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    /// At most `limit` results after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn results(
+        &self,
+        query: &TransferQuery,
+        after: Option<&Cursor>,
+        limit: usize,
+    ) -> Result<(Vec<SentResult>, Option<Cursor>), StoreError> {
+        let mut connection = self.connect().await?;
+        let (at, id) = Cursor::place(after);
+        let rows = connection
+            .fetch_all(
+                "SELECT id FROM results
+                 WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
+                   AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
+                                                     ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
+                 ORDER BY created_at DESC, id DESC LIMIT $5",
+                args![
+                    at, id, query.case.map(|case| case.to_string()), query.state.map(JobState::name),
+                    count(limit.saturating_add(1)),
+                ],
+            )
+            .await?;
+        let mut results = Vec::with_capacity(rows.len());
+        for row in &rows {
+            results.extend(one(&mut connection, &row.get::<String>("id")?).await?);
+        }
+        Ok(Cursor::page(results, limit, |result: &SentResult| {
+            (result.created_at, result.id.clone())
+        }))
+    }
+
+    /// A result.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
+        one(&mut self.connect().await?, id).await
+    }
+
+    /// The object of a result that was queued before; results for different nodes share one.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn object_of_result(
+        &self,
+        instance: &Uid,
+    ) -> Result<Option<ObjectName>, StoreError> {
+        let mut connection = self.connect().await?;
+        let row = connection
+            .fetch_optional(
+                "SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1",
+                args![instance.as_str()],
+            )
+            .await?;
+        row.as_ref().map(read_object).transpose()
+    }
+
+    /// The results of a study and their series, each once, the first one first. Those that do not count any more are among them.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub(crate) async fn results_of(
+        &self,
+        study: &Uid,
+    ) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
+        let mut connection = self.connect().await?;
+        let rows = connection
+            .fetch_all(
+                "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
+                 GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid",
+                args![study.as_str()],
+            )
+            .await?;
+        let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_series(row)?));
+        rows.iter().map(read).collect()
+    }
 }
 
 /// Writes the row of a result, unless it is there; returns its id.
@@ -86,71 +243,7 @@ async fn insert(
     row.get("id")
 }
 
-/// Makes a result of another store, whose case is here, as it is there, with its job. One that is here keeps its object.
-pub(super) async fn write_copied(
-    connection: &mut Connection,
-    result: &SentResult,
-    made_of: &[Image],
-    now: i64,
-) -> Result<(), StoreError> {
-    let new = NewResult {
-        case: result.case,
-        node: result.node.clone(),
-        study: result.study.clone(),
-        series: result.series.clone(),
-        instance: result.instance.clone(),
-        layers: result.layers.clone(),
-        digest: result.object.digest,
-    };
-    let known = insert(connection, &new, now).await?;
-    jobs::remove(connection, &known).await?;
-    connection
-        .execute(
-            "UPDATE results SET id = $1, created_at = $2 WHERE id = $3",
-            args![&result.id, result.created_at.as_microsecond(), known],
-        )
-        .await?;
-    let result_images = Made::result(&result.case, &result.id);
-    made::make(connection, &result_images, made_of).await?;
-    match &result.job {
-        Some(job) => jobs::write_copied(connection, job, now).await,
-        None => Ok(()),
-    }
-}
-
-pub(super) async fn page(
-    connection: &mut Connection,
-    query: &TransferQuery,
-    after: Option<&ListCursor>,
-    limit: usize,
-) -> Result<(Vec<SentResult>, Option<ListCursor>), StoreError> {
-    let (at, id) = ListCursor::place(after);
-    let rows = connection
-        .fetch_all(
-            "SELECT id FROM results
-             WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
-               AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
-                                                 ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
-             ORDER BY created_at DESC, id DESC LIMIT $5",
-            args![
-                at, id, query.case.map(|case| case.to_string()), query.state.map(JobState::name),
-                count(limit.saturating_add(1)),
-            ],
-        )
-        .await?;
-    let mut results = Vec::with_capacity(rows.len());
-    for row in &rows {
-        results.extend(one(connection, &row.get::<String>("id")?).await?);
-    }
-    Ok(ListCursor::page(results, limit, |result: &SentResult| {
-        (result.created_at, &result.id)
-    }))
-}
-
-pub(super) async fn one(
-    connection: &mut Connection,
-    id: &str,
-) -> Result<Option<SentResult>, StoreError> {
+async fn one(connection: &mut Connection, id: &str) -> Result<Option<SentResult>, StoreError> {
     let row = connection
         .fetch_optional(select_result!("WHERE id = $1"), args![id])
         .await?;
@@ -174,36 +267,6 @@ pub(super) async fn not_to_send(
 
 /// The class of rejection notes, Key Object Selection, which no other result has.
 const REJECTION_NOTE: &str = "1.2.840.10008.5.1.4.1.1.88.59";
-
-/// Results for different nodes share one object.
-pub(super) async fn of_instance(
-    connection: &mut Connection,
-    instance: &Uid,
-) -> Result<Option<ObjectName>, StoreError> {
-    let row = connection
-        .fetch_optional(
-            "SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1",
-            args![instance.as_str()],
-        )
-        .await?;
-    row.as_ref().map(read_object).transpose()
-}
-
-/// A result that was sent to several nodes is there once.
-pub(super) async fn of_study(
-    connection: &mut Connection,
-    study: &Uid,
-) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
-             GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid",
-            args![study.as_str()],
-        )
-        .await?;
-    let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_series(row)?));
-    rows.iter().map(read).collect()
-}
 
 fn read_series(row: &Row) -> Result<ResultSeries, StoreError> {
     Ok(ResultSeries {

@@ -7,11 +7,11 @@ use case::images::{Fingerprint, Image};
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Closed, JobKind, JobState, LayerParameters, Parameters};
 use cases::dicom::Rejection;
-use storage::tables::Referred;
+use storage::tables::{Referred, layers, made};
 use storage::testing::files_below;
 use storage::testing::steps::{insert_case, pinned};
 use storage::{
-    Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Store, StoreError, Upload,
+    Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Options, Store, StoreError, Upload,
 };
 use tempfile::TempDir;
 
@@ -106,7 +106,9 @@ async fn store(directory: &TempDir) -> PacsStore {
 async fn a_store_with_these_tables_is_not_opened_without_them() {
     let directory = tempfile::tempdir().unwrap();
     store(&directory).await.close().await;
-    let error = Store::open(directory.path()).await.unwrap_err();
+    let error = Store::open(directory.path(), Options::default())
+        .await
+        .unwrap_err();
     assert!(matches!(error, StoreError::NewerSchema { .. }), "{error:?}");
     three_images(&store(&directory).await).await;
 }
@@ -199,7 +201,7 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         dicom: None,
         images: Vec::new(),
     };
-    let submitted = store.submit_upload(upload, Parameters::default()).await;
+    let submitted = store.submit(upload, Parameters::default(), None).await;
     let id = submitted.unwrap().case.id;
     let images = three_images(store).await;
     let terms = DueTerms {
@@ -215,7 +217,10 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         times: 0,
     };
     let of: Vec<_> = (0..3).map(of).collect();
-    store.note_made_of(&Made::case(&id), &of).await.unwrap();
+    let (mut transaction, _) = store.write().await.unwrap();
+    let made = Made::case(&id);
+    made::make(&mut transaction, &made, &of).await.unwrap();
+    transaction.commit().await.unwrap();
     let file = b"a result";
     let new = NewResult {
         study: uid("1.2"),
@@ -223,7 +228,7 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
     };
     let queued = store.queue_result(new, file[..].into()).await;
     let leased = store.claim(SEND, 3).await.unwrap().unwrap();
-    assert!(store.finish(&leased).await.unwrap());
+    assert!(store.finish(&leased, Ok(())).await.unwrap());
     (id, images, queued.unwrap().id)
 }
 
@@ -294,9 +299,11 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     copied(&from, &to).await;
     copied_of_pacs(&from, &to).await;
     // The series of a layer, by which it is found when the PACS rejects it, is copied too.
-    let of_series = to.layers_of_series(&uid("1.2.7")).await.unwrap();
+    let of_series = layers::of_series(&mut to.connect().await.unwrap(), &uid("1.2.7"))
+        .await
+        .unwrap();
     assert_eq!(of_series, [(case, layer.id)]);
-    from.delete_layer(&case, &layer.id).await.unwrap();
+    from.delete((&case, &layer.id)).await.unwrap();
     copied(&from, &to).await;
     assert_eq!(to.layers(&case).await.unwrap(), []);
     let study = SeriesQuery::Study(uid("1.2"), None);

@@ -22,7 +22,7 @@ use http::fresh::fresh_json;
 use http::problem::{AppError, Problem};
 use http::query::{ApiQuery, Asked, MAX_PAGE, NoQuery, usual_page};
 use http::sent::json_body;
-use storage::Cursor;
+use storage::{CaseChange, Cursor};
 
 /// A case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -463,7 +463,8 @@ pub async fn list_cases(
     query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
     let ListValues { after, limit } = query.values;
-    let page = cases.store().cases(after, limit).await?;
+    let all = storage::CaseQuery::default();
+    let page = cases.store().cases(&all, after.as_ref(), limit).await?;
     let page = CasePage {
         cases: page.cases.into_iter().map(CaseView::from).collect(),
         next: page.next.map(|cursor| cursor.to_string()),
@@ -561,11 +562,12 @@ pub async fn patch_case(
     let patch: CasePatch = json_body(body)?;
     if let Some(name) = &patch.name {
         Parameters::check_name(name).map_err(Error::from)?;
-        cases.store().rename(&id, name).await?;
     }
-    if let Some(kept) = patch.kept
-        && !cases.store().keep(&id, kept).await?
-    {
+    let change = CaseChange {
+        name: patch.name,
+        kept: patch.kept,
+    };
+    if !cases.store().change_case(&id, &change).await? {
         return Err(Error::NoSuchCase.into());
     }
     Ok(fresh_json(StatusCode::OK, &view_of(&cases, &id).await?))

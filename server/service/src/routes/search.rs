@@ -177,7 +177,9 @@ pub async fn search_cases(
     }
     let cursor = "`next` of the page before";
     let after = value("after", asked.after.as_ref(), cursor, Cursor::parse)?;
-    let (found, next) = cases.search(&asked.query()?, after, asked.limit).await?;
+    let (found, next) = cases
+        .search(&asked.query()?, after.as_ref(), asked.limit)
+        .await?;
     let page = FoundPage {
         cases: found.into_iter().map(FoundView::from).collect(),
         next: next.map(|cursor| cursor.to_string()),

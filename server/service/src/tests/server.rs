@@ -124,7 +124,6 @@ impl Server {
             makes_maps: false,
             max_layers: MAX_LAYERS,
             store: storage::Options {
-                create: true,
                 queue_limit: 2,
                 ..storage::Options::default()
             },

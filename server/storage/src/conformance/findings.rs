@@ -41,7 +41,7 @@ pub(crate) async fn findings_go_with_their_case(subject: &Subject) {
     let id = insert(store, "a").await.id;
     let none = store.findings(&id).await.unwrap().version;
     put(store, &id, none, "[1]").await;
-    assert!(store.delete_case(&id).await.unwrap());
+    assert!(store.delete_rows(&id).await.unwrap());
     assert_eq!(put(store, &id, none, "[1]").await, Replaced::NoSuchCase);
     assert_eq!(insert(store, "a").await.id, id);
     assert_eq!(document(store, &id).await, "[]");

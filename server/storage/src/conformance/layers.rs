@@ -110,7 +110,7 @@ pub(crate) async fn a_layer_is_inserted_once_and_as_many_as_may(subject: &Subjec
     );
     assert_eq!(found.parameters, new.parameters);
     assert_eq!((found.failure, found.facts), (None, None));
-    let objects = store.layer_objects(&case, &new.id).await.unwrap();
+    let objects = store.objects_of((&case, &new.id)).await.unwrap();
     assert_eq!(objects, new.sources.names);
 
     let mut second = new_layer(store, &case, "m").await;
@@ -196,7 +196,7 @@ pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) 
         .unwrap();
 
     let first = claim_layer(store).await.unwrap();
-    assert_eq!(first.layer(), Some((case, new.id)));
+    assert_eq!(first.owner(), Some(new.owner()));
     let found = layer(store, &new).await.unwrap();
     assert_eq!(found.state, CaseState::Preparing);
     assert_eq!(claim_layer(store).await, None);
@@ -215,7 +215,7 @@ pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) 
     };
     assert!(!store.renew(&first, None).await.unwrap());
     assert!(!store.release(&first, &release).await.unwrap());
-    assert!(!store.fail(&first, &failure()).await.unwrap());
+    assert!(!store.finish(&first, Err(&failure())).await.unwrap());
     let late = pinned(store, &[name(ObjectKind::Layer, "l")]).await;
     let published = store.make_layer_ready(&first, &late, &layer_facts()).await;
     assert_eq!(published.unwrap(), Referred::Unneeded(Published::Fenced));
@@ -236,7 +236,7 @@ pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) 
     let found = layer(store, &new).await.unwrap();
     assert_eq!(found.state, CaseState::Ready);
     assert_eq!(found.facts, Some(layer_facts()));
-    let objects = store.layer_objects(&case, &new.id).await.unwrap();
+    let objects = store.objects_of((&case, &new.id)).await.unwrap();
     assert!(objects.contains(&object) && objects.len() == 2);
     assert_eq!(claim_layer(store).await, None);
 }
@@ -249,7 +249,7 @@ pub(crate) async fn a_layer_that_waits_fails_with_its_case(subject: &Subject) {
     let untouched = insert_layer(store, &other, "m").await;
     let leased = claim(store).await.unwrap();
     assert_eq!(leased.case, Some(case));
-    assert!(store.fail(&leased, &failure()).await.unwrap());
+    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
     let failed = layer(store, &new).await.unwrap();
     let expected = (CaseState::Failed, Some(failure()));
     assert_eq!((failed.state, failed.failure), expected);
@@ -263,7 +263,7 @@ pub(crate) async fn a_layer_fails_and_is_queued_again(subject: &Subject) {
     let case = ready_case(store, "a").await.id;
     let new = insert_layer(store, &case, "l").await;
     let leased = claim_layer(store).await.unwrap();
-    assert!(store.fail(&leased, &failure()).await.unwrap());
+    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
     let failed = layer(store, &new).await.unwrap();
     assert_eq!(
         (failed.state, failed.failure),
@@ -271,7 +271,7 @@ pub(crate) async fn a_layer_fails_and_is_queued_again(subject: &Subject) {
     );
     assert_eq!(claim_layer(store).await, None);
     // Its file is of no more use: it is sent again with the layer.
-    let objects = store.layer_objects(&case, &new.id).await.unwrap();
+    let objects = store.objects_of((&case, &new.id)).await.unwrap();
     assert_eq!(objects, Vec::new());
     assert_eq!(removed(store, &new.sources.names).await, new.sources.names);
     let again = new_layer(store, &case, "l").await;
@@ -293,9 +293,19 @@ pub(crate) async fn a_lost_object_of_a_layer_is_made_again_and_its_place_stays(s
     let store = &subject.store;
     let case = ready_case(store, "a").await.id;
     let new = insert_layer(store, &case, "l").await;
-    assert!(!store.prepare_layer_again(&case, &new.id).await.unwrap());
+    assert!(
+        !store
+            .prepare_again((&case, &new.id), CaseState::Ready)
+            .await
+            .unwrap()
+    );
     publish(store, &claim_layer(store).await.unwrap(), "l").await;
-    assert!(store.prepare_layer_again(&case, &new.id).await.unwrap());
+    assert!(
+        store
+            .prepare_again((&case, &new.id), CaseState::Ready)
+            .await
+            .unwrap()
+    );
     assert!(claim_layer(store).await.is_some());
     let again = layer(store, &new).await.unwrap();
     assert_eq!(again.facts, Some(layer_facts()));
@@ -307,16 +317,16 @@ pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
     let new = insert_layer(store, &case.id, "l").await;
     let map = name(ObjectKind::Maps, "l");
     let early = pinned(store, &[map]).await;
-    let refused = store.refer_to_layer(&case.id, &new.id, &early).await;
+    let refused = store.refer((&case.id, &new.id).into(), &early, true).await;
     assert_eq!(refused.unwrap(), Referred::Unneeded(Published::Fenced));
     let own = publish(store, &claim_layer(store).await.unwrap(), "l").await;
-    let given = store.refer_to_layer(&case.id, &new.id, &early).await;
+    let given = store.refer((&case.id, &new.id).into(), &early, true).await;
     assert_eq!(given.unwrap(), Referred::Done(Published::Done));
-    let objects = store.layer_objects(&case.id, &new.id).await.unwrap();
+    let objects = store.objects_of((&case.id, &new.id)).await.unwrap();
     assert!(objects.contains(&map) && objects.len() == 3);
     let failed = insert_layer(store, &case.id, "m").await;
     let leased = claim_layer(store).await.unwrap();
-    assert!(store.fail(&leased, &failure()).await.unwrap());
+    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
 
     let mut version = new_case(store, "b").await;
     version.previous = Some(case.id);
@@ -331,15 +341,15 @@ pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
         (layers[0].state, &layers[0].facts),
         (CaseState::Queued, &Some(layer_facts()))
     );
-    let objects = store.layer_objects(&version.id, &new.id).await.unwrap();
+    let objects = store.objects_of((&version.id, &new.id)).await.unwrap();
     assert_eq!(objects, new.sources.names);
 
     // What both need goes with the second; what the case alone needs with it.
-    assert!(store.delete_case(&case.id).await.unwrap());
+    assert!(store.delete_rows(&case.id).await.unwrap());
     let sources = [new.sources.names[0], failed.sources.names[0], own, map];
     assert_eq!(removed(store, &sources).await, sources[1..]);
-    assert!(store.delete_layer_row(&version.id, &new.id).await.unwrap());
-    assert!(!store.delete_layer_row(&version.id, &new.id).await.unwrap());
+    assert!(store.delete_rows((&version.id, &new.id)).await.unwrap());
+    assert!(!store.delete_rows((&version.id, &new.id)).await.unwrap());
     assert_eq!(removed(store, &sources[..1]).await, sources[..1]);
 }
 
@@ -348,7 +358,7 @@ pub(crate) async fn a_layer_of_a_deleted_case_cannot_be_published(subject: &Subj
     let case = ready_case(store, "a").await.id;
     let new = insert_layer(store, &case, "l").await;
     let leased = claim_layer(store).await.unwrap();
-    assert!(store.delete_case(&case).await.unwrap());
+    assert!(store.delete_rows(&case).await.unwrap());
     assert_eq!(layer(store, &new).await, None);
     assert!(!store.renew(&leased, None).await.unwrap());
     let late = pinned(store, &[name(ObjectKind::Layer, "l")]).await;
@@ -364,7 +374,7 @@ pub(crate) async fn a_layer_of_another_store_is_copied_as_it_is_there(subject: &
     let new = insert_layer(store, &case, "l").await;
     let object = publish(store, &claim_layer(store).await.unwrap(), "l").await;
     let known = layer(store, &new).await.unwrap();
-    assert!(store.delete_layer_row(&case, &new.id).await.unwrap());
+    assert!(store.delete_rows((&case, &new.id)).await.unwrap());
     let names = [new.sources.names[0], object];
     for _ in 0..2 {
         let objects = pinned(store, &names).await;
@@ -374,7 +384,7 @@ pub(crate) async fn a_layer_of_another_store_is_copied_as_it_is_there(subject: &
             .unwrap();
         assert_eq!(layer(store, &new).await.unwrap(), known);
     }
-    let objects = store.layer_objects(&case, &new.id).await.unwrap();
+    let objects = store.objects_of((&case, &new.id)).await.unwrap();
     assert!(names.iter().all(|name| objects.contains(name)));
     let queued = Layer {
         state: CaseState::Preparing,

@@ -4,7 +4,8 @@ use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, Seri
 use case::{CaseId, CaseState};
 
 use super::Subject;
-use crate::testing::{claim, new_case};
+use crate::tables::series::{cases_of, of_case};
+use crate::testing::{claim, new_case, rename};
 use crate::{CaseQuery, Store};
 
 fn uid(text: &str) -> Uid {
@@ -43,9 +44,16 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     for _ in 0..2 {
         store.index_series(&of_second).await.unwrap();
     }
-    assert_eq!(store.series_of(&second).await.unwrap(), Some(of_second));
+    assert_eq!(
+        of_case(&mut store.connect().await.unwrap(), &second)
+            .await
+            .unwrap(),
+        Some(of_second)
+    );
     let found = async |query| {
-        let found = store.cases_of(&query).await.unwrap();
+        let found = cases_of(&mut store.connect().await.unwrap(), &query)
+            .await
+            .unwrap();
         found
             .into_iter()
             .map(|series| series.case)
@@ -60,7 +68,7 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     assert_eq!(found(number("A1")).await, [first]);
     assert_eq!(found(number("A2")).await, [second]);
     assert_eq!(found(number("A")).await, []);
-    store.delete_case(&second).await.unwrap();
+    store.delete_rows(&second).await.unwrap();
     assert_eq!(found(number("A2")).await, []);
 }
 
@@ -72,7 +80,7 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
         .enumerate()
     {
         let case = a_case(store, label).await;
-        store.rename(&case, label).await.unwrap();
+        rename(store, &case, label).await;
         cases.push(store.case(&case).await.unwrap().unwrap());
         subject.pass(60);
         // The third is no DICOM.
@@ -85,7 +93,12 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
                 patient: PatientDigest::of(id),
             };
             store.index_series(&series).await.unwrap();
-            assert_eq!(store.series_of(&case).await.unwrap(), Some(series));
+            assert_eq!(
+                of_case(&mut store.connect().await.unwrap(), &case)
+                    .await
+                    .unwrap(),
+                Some(series)
+            );
         }
     }
     let running = claim(store).await.unwrap();
@@ -93,7 +106,7 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
     let [first, second, third] = [0, 1, 2].map(|number: usize| cases[number].id);
     assert_eq!(running, first, "the oldest is prepared first");
     let found = async |query: CaseQuery| {
-        let page = store.search(&query, None, 9).await.unwrap();
+        let page = store.cases(&query, None, 9).await.unwrap();
         assert_eq!(page.next, None);
         page.cases.iter().map(|case| case.id).collect::<Vec<_>>()
     };
@@ -158,10 +171,13 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
     };
     assert_eq!(found(all).await, [second]);
     // Pages are those of what is found.
-    let page = store.search(&study("1.2.3"), None, 1).await.unwrap();
+    let page = store.cases(&study("1.2.3"), None, 1).await.unwrap();
     assert_eq!(page.cases[0].id, second);
-    let page = store.search(&study("1.2.3"), page.next, 1).await.unwrap();
+    let page = store
+        .cases(&study("1.2.3"), page.next.as_ref(), 1)
+        .await
+        .unwrap();
     assert_eq!((page.cases[0].id, page.next), (first, None));
-    store.delete_case(&second).await.unwrap();
+    store.delete_rows(&second).await.unwrap();
     assert_eq!(found(patient("P-2")).await, []);
 }

@@ -1,17 +1,268 @@
-//! Cases and the objects they need.
+//! Cases.
+
+use std::time::Duration;
 
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row, Value, containing};
+use super::connection::{Connection, Row, Value, containing, microseconds};
 use super::made::{self, read_closed};
-use super::{findings, jobs, layers, pins, upkeep};
+use super::{findings, jobs, layers, owners, upkeep};
 use crate::args;
-use crate::jobs::NewJob;
-use crate::rows::{Inserted, Made, NewCase, Pinned, Referred};
-use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
-use case::images::Closed;
+use crate::jobs::{Claim, NewJob};
+use crate::rows::{CaseChange, Inserted, Made, NewCase, Owner, Pinned, Published, Referred};
+use crate::{CaseQuery, Cursor, Page, Store, StoreError};
+use case::images::{Closed, Image};
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
+
+impl Store {
+    /// One case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
+        let mut read = one(&mut self.connect().await?, id).await;
+        if let Err(StoreError::DamagedFacts(id)) = read {
+            self.make_facts_again(&id).await?;
+            read = one(&mut self.connect().await?, &id).await;
+        }
+        Ok(read?.map(|case| self.completed(case)))
+    }
+
+    /// At most `limit` cases of a search after a cursor, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn cases(
+        &self,
+        query: &CaseQuery,
+        after: Option<&Cursor>,
+        limit: usize,
+    ) -> Result<Page, StoreError> {
+        let mut page = loop {
+            let mut connection = self.connect().await?;
+            match page(&mut connection, query, after, limit).await {
+                Err(StoreError::DamagedFacts(id)) => {
+                    drop(connection);
+                    self.make_facts_again(&id).await?;
+                }
+                read => break read?,
+            }
+        };
+        let cases = page.cases.into_iter();
+        page.cases = cases.map(|case| self.completed(case)).collect();
+        Ok(page)
+    }
+
+    /// Queues a case again whose facts are damaged: they are made again from the source.
+    async fn make_facts_again(&self, id: &CaseId) -> Result<(), StoreError> {
+        tracing::error!(
+            case = id.short(),
+            "the facts of a case are damaged; the case will be prepared again from its source"
+        );
+        let (mut transaction, now) = self.write().await?;
+        if transaction.has_case(&id.to_string()).await? {
+            owners::queue_again(&mut transaction, id.into(), "", now).await?;
+        }
+        transaction.commit().await
+    }
+
+    /// Why a case is closed, if it is.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn closed(&self, id: &CaseId) -> Result<Option<Closed>, StoreError> {
+        closed(&mut self.connect().await?, id).await
+    }
+
+    /// At most `limit` cases that are ready or failed, not kept, and were last uploaded at least `age` ago; oldest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError> {
+        let mut connection = self.connect().await?;
+        let before = connection.now().await?.saturating_sub(microseconds(age));
+        let rows = connection
+            .fetch_all(
+                "SELECT id FROM cases
+                 WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
+                   AND NOT kept AND state IN ('ready', 'failed')
+                 ORDER BY created_at, id LIMIT $2",
+                args![before, i64::try_from(limit).unwrap_or(i64::MAX)],
+            )
+            .await?;
+        let read = |row: &Row| {
+            let id: String = row.get("id")?;
+            CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
+        };
+        rows.iter().map(read).collect()
+    }
+
+    /// Makes a case and its job, and turns its pins into references; or queues a failed one again. A version gets the
+    /// layers of the case that it is a version of.
+    pub(crate) async fn insert_case(
+        &self,
+        new: &NewCase,
+    ) -> Result<Referred<Inserted>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let inserted = submit(&mut transaction, new, now).await?;
+        if inserted != Referred::PinLost {
+            transaction.commit().await?;
+        }
+        Ok(inserted)
+    }
+
+    /// Lets the age of a case count from now, because its input was uploaded again, made of these images; returns whether it exists.
+    pub(crate) async fn uploaded_again(
+        &self,
+        id: &CaseId,
+        images: &[Image],
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let exists = upkeep::uploaded_again(&mut transaction, id, now).await?;
+        if exists && !images.is_empty() {
+            made::make(&mut transaction, &Made::case(id), images).await?;
+        }
+        transaction.commit().await?;
+        Ok(exists)
+    }
+
+    /// Renames a case, or keeps it for good or no longer; returns whether it exists.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn change_case(&self, id: &CaseId, change: &CaseChange) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let changed = transaction
+            .execute(
+                "UPDATE cases SET name = coalesce($1, name), kept = coalesce($2, kept) WHERE id = $3",
+                args![&change.name, change.kept, id.to_string()],
+            )
+            .await?;
+        transaction.commit().await?;
+        Ok(changed > 0)
+    }
+
+    /// Doubts the axes of a ready case, because another one has the same voxels with other axes; nothing if it has no verdict.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn doubt_axes(&self, id: &CaseId) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let case = one(&mut transaction, id).await?;
+        let Some(mut facts) = case.and_then(|case| case.facts) else {
+            return Ok(());
+        };
+        let quality = facts.quality.as_mut();
+        if !quality.is_some_and(|quality| quality.set_axes_corrected(true)) {
+            return Ok(());
+        }
+        change_facts(&mut transaction, id, &facts).await?;
+        transaction.commit().await?;
+        self.signals().changed(id);
+        Ok(())
+    }
+
+    /// Makes a case ready, ends its job and queues the next ones, if the lease is still ours.
+    pub(crate) async fn make_case_ready(
+        &self,
+        claim: &Claim,
+        derived: &Pinned,
+        facts: &CaseFacts,
+        next: &[JobKind],
+    ) -> Result<Referred<Published>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let Some(id) = &claim.case else {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        };
+        if !jobs::finish(&mut transaction, claim, Ok(()), now).await? {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        }
+        if !owners::refer(&mut transaction, id.into(), derived, now).await? {
+            return Ok(Referred::PinLost);
+        }
+        let stored = serde_json::to_string(facts)?;
+        transaction.execute(
+            "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
+            args![&stored, upkeep::digest(&stored), values_of(facts), id.to_string()],
+        )
+        .await?;
+        for &kind in next {
+            jobs::enqueue(&mut transaction, &NewJob::about(kind, id), now).await?;
+        }
+        transaction.commit().await?;
+        Ok(Referred::Done(Published::Done))
+    }
+
+    /// Makes a ready case failed, because its source is lost; returns whether it was ready.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn make_case_failed(
+        &self,
+        id: &CaseId,
+        failure: &Failure,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let state = owners::state(&mut transaction, id.into()).await?;
+        if state == Some(CaseState::Ready) {
+            make_failed(&mut transaction, id, failure, now).await?;
+            transaction.commit().await?;
+        }
+        Ok(state == Some(CaseState::Ready))
+    }
+
+    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
+    /// references; one that is not ready or failed is queued. `false`, and nothing has changed, where it is ready here
+    /// and not there.
+    pub(crate) async fn write_copied_case(
+        &self,
+        case: &Case,
+        objects: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let state = match case.state.is_final() {
+            true => case.state,
+            false => CaseState::Queued,
+        };
+        let facts = case.facts.as_ref().map(serde_json::to_string);
+        let (facts, failure) = (facts.transpose()?, case.failure.as_ref());
+        let failure = failure.map(serde_json::to_string).transpose()?;
+        let written = transaction
+            .execute(
+                "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
+                                    uploaded_at, kept, previous)
+                 VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
+                 ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
+                                                facts = excluded.facts, facts_digest = excluded.facts_digest,
+                                                voxels = excluded.voxels,
+                                                uploaded_at = excluded.uploaded_at, kept = excluded.kept
+                 WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
+                args![
+                    case.id.to_string(), case.parameters.closing_radius_mm,
+                    without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure,
+                    facts.as_deref(), facts.as_deref().map(upkeep::digest),
+                    case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
+                    case.uploaded_at.as_microsecond(), case.kept,
+                    case.previous.map(|id| id.to_string()),
+                ],
+            )
+            .await?;
+        if written == 0 {
+            return Ok(false);
+        }
+        if !owners::refer(&mut transaction, (&case.id).into(), objects, now).await? {
+            return Err(StoreError::Rows("a pin was lost".into()));
+        }
+        jobs::cancel(&mut transaction, JobKind::PREPARE, &case.id.to_string()).await?;
+        if !case.state.is_final() {
+            let job = NewJob::about(JobKind::PREPARE, &case.id);
+            jobs::enqueue(&mut transaction, &job, now).await?;
+        }
+        transaction.commit().await?;
+        Ok(true)
+    }
+}
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_case {
@@ -61,29 +312,19 @@ macro_rules! select_found {
     };
 }
 
-/// The state of a case as it is written; `None` if there is no such case.
-async fn state(connection: &mut Connection, id: &CaseId) -> Result<Option<String>, StoreError> {
-    let row = connection
-        .fetch_optional(
-            "SELECT state FROM cases WHERE id = $1",
-            args![id.to_string()],
-        )
-        .await?;
-    row.map(|row| row.get("state")).transpose()
-}
-
 /// Inserts a case with its references, its job, and, for a version, the layers and the findings of the case that
 /// it is a version of.
-pub(super) async fn submit(
+pub(crate) async fn submit(
     connection: &mut Connection,
     new: &NewCase,
     now: i64,
 ) -> Result<Referred<Inserted>, StoreError> {
-    let state = state(connection, &new.id).await?;
+    let owner = Owner::from(&new.id);
+    let state = owners::state(connection, owner).await?;
     if state.is_some() {
         upkeep::uploaded_again(connection, &new.id, now).await?;
     }
-    if state.as_deref().is_some_and(|state| state != "failed") {
+    if state.is_some_and(|state| state != CaseState::Failed) {
         make(connection, new).await?;
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
@@ -95,17 +336,17 @@ pub(super) async fn submit(
         now,
     )
     .await?;
-    let inserted = if state.is_none() {
-        insert(connection, new, now).await?;
-        Inserted::Created
-    } else {
-        queue_again(connection, &new.id).await?;
-        Inserted::Requeued
+    let inserted = match state {
+        None => {
+            insert(connection, new, now).await?;
+            Inserted::Created
+        }
+        Some(_) => Inserted::Requeued,
     };
-    if !refer(connection, &new.id, &new.sources, now).await? {
+    owners::queue_again(connection, owner, &new.client, now).await?;
+    if !owners::refer(connection, owner, &new.sources, now).await? {
         return Ok(Referred::PinLost);
     }
-    jobs::enqueue_for(connection, &NewJob::prepare(&new.id), &new.client, now).await?;
     make(connection, new).await?;
     // What lies in images that do not count any more is not taken over into those that do.
     if let (Inserted::Created, Some(previous)) = (inserted, &new.previous)
@@ -179,117 +420,6 @@ pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
     })
 }
 
-async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
-    connection.execute(
-        "UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1",
-        args![id.to_string()],
-    )
-        .await?;
-    Ok(())
-}
-
-/// Queues a case again if it has failed; whether it had.
-pub(super) async fn prepare_failed_again(
-    connection: &mut Connection,
-    id: &CaseId,
-    now: i64,
-) -> Result<bool, StoreError> {
-    let had_failed = state(connection, id).await?.as_deref() == Some("failed");
-    if had_failed {
-        queue_again(connection, id).await?;
-        jobs::enqueue(connection, &NewJob::prepare(id), now).await?;
-    }
-    Ok(had_failed)
-}
-
-/// Turns pins into references of a case; `false` if a pin is gone. Objects that the case no longer needs are abandoned.
-pub(super) async fn refer(
-    connection: &mut Connection,
-    id: &CaseId,
-    pinned: &Pinned,
-    now: i64,
-) -> Result<bool, StoreError> {
-    if !pins::consume(connection, pinned).await? {
-        return Ok(false);
-    }
-    let before = objects(connection, id).await?;
-    for name in &pinned.names {
-        connection
-            .execute(
-                "INSERT INTO case_objects (case_id, kind, digest) VALUES ($1, $2, $3)
-             ON CONFLICT (case_id, kind) DO UPDATE SET digest = excluded.digest",
-                args![id.to_string(), name.kind.name(), name.digest.to_string()],
-            )
-            .await?;
-    }
-    let after = objects(connection, id).await?;
-    let dropped = before.into_iter().filter(|name| !after.contains(name));
-    pins::abandon(connection, dropped.collect(), now).await?;
-    Ok(true)
-}
-
-/// Writes the row of a case from another store; `false` if the case is ready here but not there.
-pub(super) async fn write_copied(
-    connection: &mut Connection,
-    case: &Case,
-) -> Result<bool, StoreError> {
-    let state = match case.state.is_final() {
-        true => case.state,
-        false => CaseState::Queued,
-    };
-    let facts = case.facts.as_ref().map(serde_json::to_string).transpose()?;
-    let failure = case
-        .failure
-        .as_ref()
-        .map(serde_json::to_string)
-        .transpose()?;
-    let written = connection
-        .execute(
-            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
-                                uploaded_at, kept, previous)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
-             ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
-                                            facts = excluded.facts, facts_digest = excluded.facts_digest,
-                                            voxels = excluded.voxels,
-                                            uploaded_at = excluded.uploaded_at, kept = excluded.kept
-             WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
-            args![
-                case.id.to_string(), case.parameters.closing_radius_mm,
-                without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure,
-                facts.as_deref(), facts.as_deref().map(upkeep::digest),
-                case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
-                case.uploaded_at.as_microsecond(), case.kept,
-                case.previous.map(|id| id.to_string()),
-            ],
-        )
-        .await?;
-    Ok(written > 0)
-}
-
-pub(super) async fn is_ready(connection: &mut Connection, id: &CaseId) -> Result<bool, StoreError> {
-    let row = connection
-        .fetch_one(
-            "SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready",
-            args![id.to_string()],
-        )
-        .await?;
-    row.get("ready")
-}
-
-pub(super) async fn make_ready(
-    connection: &mut Connection,
-    id: &CaseId,
-    facts: &CaseFacts,
-) -> Result<(), StoreError> {
-    let stored = serde_json::to_string(facts)?;
-    connection.execute(
-        "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
-        args![&stored, upkeep::digest(&stored), values_of(facts), id.to_string()],
-    )
-    .await?;
-    Ok(())
-}
-
 /// Changes the facts of a ready case.
 pub(super) async fn change_facts(
     connection: &mut Connection,
@@ -341,57 +471,6 @@ pub(super) async fn make_failed(
     Ok(())
 }
 
-pub(super) async fn rename(
-    connection: &mut Connection,
-    id: &CaseId,
-    name: &str,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "UPDATE cases SET name = $1 WHERE id = $2",
-            args![name, id.to_string()],
-        )
-        .await?;
-    Ok(())
-}
-
-/// Whether the case exists.
-pub(super) async fn keep(
-    connection: &mut Connection,
-    id: &CaseId,
-    kept: bool,
-) -> Result<bool, StoreError> {
-    let changed = connection
-        .execute(
-            "UPDATE cases SET kept = $1 WHERE id = $2",
-            args![kept, id.to_string()],
-        )
-        .await?;
-    Ok(changed > 0)
-}
-
-/// The oldest settled cases that are not kept and were last uploaded before a time.
-pub(super) async fn uploaded_before(
-    connection: &mut Connection,
-    time: i64,
-    limit: usize,
-) -> Result<Vec<CaseId>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            "SELECT id FROM cases
-             WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
-               AND NOT kept AND state IN ('ready', 'failed')
-             ORDER BY created_at, id LIMIT $2",
-            args![time, i64::try_from(limit).unwrap_or(i64::MAX)],
-        )
-        .await?;
-    let read = |row: &Row| {
-        let id: String = row.get("id")?;
-        CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
-    };
-    rows.iter().map(read).collect()
-}
-
 /// How many there are of [`uploaded_before`].
 pub(super) async fn count_uploaded_before(
     connection: &mut Connection,
@@ -426,14 +505,13 @@ pub(super) async fn is_uploaded_before(
     row.get("old")
 }
 
+/// Removes the row of a case, and abandons the objects of what goes with it; whether it was there.
 pub(super) async fn delete(
     connection: &mut Connection,
     id: &CaseId,
     now: i64,
 ) -> Result<bool, StoreError> {
     let known = one(connection, id).await?;
-    let needed = objects(connection, id).await?;
-    pins::abandon(connection, needed, now).await?;
     layers::abandon_all(connection, id, now).await?;
     let tables = connection.tables();
     tables.leave_case(connection, id, now).await?;
@@ -481,19 +559,6 @@ async fn forget_contradictions(
     Ok(())
 }
 
-pub(super) async fn objects(
-    connection: &mut Connection,
-    id: &CaseId,
-) -> Result<Vec<ObjectName>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            "SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind",
-            args![id.to_string()],
-        )
-        .await?;
-    rows.iter().map(pins::read_name).collect()
-}
-
 pub(super) async fn one(
     connection: &mut Connection,
     id: &CaseId,
@@ -504,8 +569,9 @@ pub(super) async fn one(
     row.as_ref().map(read).transpose()
 }
 
-/// The ready cases with the same stored values, the newest first.
-pub(super) async fn with_voxels(
+/// At most `limit` ready cases whose volumes have the same stored values in any order
+/// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
+pub async fn with_voxels(
     connection: &mut Connection,
     values: &str,
     limit: usize,
@@ -521,19 +587,15 @@ pub(super) async fn with_voxels(
     rows.iter().map(read).collect()
 }
 
-pub(super) async fn page(
+async fn page(
     connection: &mut Connection,
     query: &CaseQuery,
     after: Option<&Cursor>,
     limit: usize,
 ) -> Result<Page, StoreError> {
     let until = query.until.map_or(i64::MAX, Timestamp::as_microsecond);
-    let (created_at, id) = match after {
-        Some(cursor) if cursor.created_at.as_microsecond() < until => {
-            (cursor.created_at.as_microsecond(), cursor.id.to_string())
-        }
-        _ => (until, String::new()),
-    };
+    let after = after.filter(|cursor| cursor.at < until);
+    let (created_at, id) = after.map_or((until, ""), |cursor| (cursor.at, &cursor.id));
     let study = query.study.as_ref().map(Uid::as_str);
     let series = query.series.as_ref().map(Uid::as_str);
     let number = query.accession_number.as_ref().map(AccessionNumber::as_str);
@@ -559,10 +621,9 @@ pub(super) async fn page(
         args.append(&mut args![study, series, number, patient]);
     }
     let rows = connection.fetch_all(statement, args).await?;
-    let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let more = cases.len() > limit;
-    cases.truncate(limit);
-    let next = cases.last().filter(|_| more).map(Cursor::after);
+    let cases = rows.iter().map(read).collect::<Result<_, _>>()?;
+    let place = |case: &Case| (case.created_at, case.id.to_string());
+    let (cases, next) = Cursor::page(cases, limit, place);
     Ok(Page { cases, next })
 }
 

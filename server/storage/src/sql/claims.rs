@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, STORE_FAILED};
+use case::{Failure, JobKind, STORE_FAILED};
 
 use super::connection::{Connection, microseconds};
 use super::{cases, fence, jobs, layers};
-use crate::jobs::{Claim, layer_of_key};
+use crate::jobs::Claim;
+use crate::rows::Owner;
 use crate::{StoreError, args};
 
 /// Which jobs a worker would do.
@@ -143,13 +144,12 @@ pub(super) async fn fail_item(
     match kind {
         // A store that fails is no reason to give up a case that is ready.
         JobKind::REBUILD if failure.name == STORE_FAILED => Ok(()),
-        JobKind::PREPARE | JobKind::REBUILD => {
-            let case = CaseId::parse(key).ok_or_else(|| jobs::unreadable("case"))?;
-            cases::make_failed(connection, &case, failure, now).await
-        }
-        JobKind::LAYER => {
-            let (case, layer) = layer_of_key(key).ok_or_else(|| jobs::unreadable("layer"))?;
-            layers::make_failed(connection, &case, &layer, failure, now).await
+        JobKind::PREPARE | JobKind::REBUILD | JobKind::LAYER => {
+            let owner = Owner::of_key(key).ok_or_else(|| jobs::unreadable("key"))?;
+            match owner.layer {
+                None => cases::make_failed(connection, &owner.case, failure, now).await,
+                Some(_) => layers::make_failed(connection, owner, failure, now).await,
+            }
         }
         _ => {
             let tables = connection.tables();

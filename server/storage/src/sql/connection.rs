@@ -143,7 +143,7 @@ impl Tables for () {}
 
 /// Connections to a database.
 #[derive(Debug, Clone)]
-pub(super) enum Database {
+pub(crate) enum Database {
     Sqlite(sqlite::Connections),
     Postgres(postgres::Connections),
 }
@@ -152,6 +152,8 @@ pub(super) enum Database {
 pub struct Connection {
     way: Way,
     tables: Arc<dyn Tables>,
+    /// How far the clock of tests is ahead, in microseconds.
+    ahead: i64,
 }
 
 /// How a connection goes.
@@ -174,8 +176,8 @@ impl Database {
         .boxed()
     }
 
-    /// Ends all connections.
-    pub(super) async fn close(&self) {
+    /// Finishes all work before the process ends, and ends all connections.
+    pub(crate) async fn close(&self) {
         match self {
             Self::Sqlite(connections) => connections.close().await,
             Self::Postgres(connections) => connections.close().await,
@@ -197,15 +199,15 @@ impl Database {
     }
 
     /// Whether it can be written. Changes nothing.
-    pub(super) async fn check(&self) -> Result<(), StoreError> {
+    pub(crate) async fn check(&self) -> Result<(), StoreError> {
         match self {
             Self::Sqlite(connections) => connections.check().await,
             Self::Postgres(connections) => connections.check().await,
         }
     }
 
-    /// Whether the structure of SQLite's file is whole; PostgreSQL answers for itself.
-    pub(super) async fn check_file(&self) -> Result<(), StoreError> {
+    /// Checks that the structure of SQLite's file is whole, which takes as long as reading it; PostgreSQL answers for itself.
+    pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
         match self {
             Self::Sqlite(connections) => sqlite::check_file(connections.pool()).await,
             Self::Postgres(_) => Ok(()),
@@ -219,8 +221,9 @@ impl Database {
         }
     }
 
-    /// The changes that all processes make from now on, if the database announces them.
-    pub(super) async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
+    /// The changes of all processes from now on, as they are committed; `None` if the database cannot report them. Some
+    /// may be missed, so a process that waits for one must also poll.
+    pub(crate) async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
         match self {
             Self::Sqlite(_) => Ok(None),
             Self::Postgres(connections) => connections.changes().await.map(Some),
@@ -229,8 +232,8 @@ impl Database {
 }
 
 impl Connection {
-    pub(super) fn new(way: Way, tables: Arc<dyn Tables>) -> Self {
-        Self { way, tables }
+    pub(super) fn new(way: Way, tables: Arc<dyn Tables>, ahead: i64) -> Self {
+        Self { way, tables, ahead }
     }
 
     /// The tables of another crate.
@@ -323,7 +326,8 @@ impl Connection {
             Way::Sqlite(_) | Way::SqliteTransaction(..) => sqlite::NOW,
             Way::Postgres(_) | Way::PostgresTransaction(_) => postgres::NOW,
         };
-        self.fetch_one(sql, args![]).await?.get("now")
+        let now: i64 = self.fetch_one(sql, args![]).await?.get("now")?;
+        Ok(now + self.ahead)
     }
 
     /// Commits a transaction whose loss in a power cut costs only work that is done again, without waiting for PostgreSQL's disk while other writers
@@ -356,7 +360,7 @@ pub enum Value {
     Text(Option<String>),
     Integer(Option<i64>),
     Real(f64),
-    Truth(bool),
+    Truth(Option<bool>),
 }
 
 /// Values of parameters, in their order.
@@ -386,7 +390,8 @@ values! {
     i64: number => Self::Integer(Some(number)),
     Option<i64>: number => Self::Integer(number),
     f64: number => Self::Real(number),
-    bool: is => Self::Truth(is),
+    bool: is => Self::Truth(Some(is)),
+    Option<bool>: is => Self::Truth(is),
 }
 
 /// A statement with its values.
@@ -398,7 +403,7 @@ where
     Option<String>: Encode<'static, D> + Type<D>,
     Option<i64>: Encode<'static, D> + Type<D>,
     f64: Encode<'static, D> + Type<D>,
-    bool: Encode<'static, D> + Type<D>,
+    Option<bool>: Encode<'static, D> + Type<D>,
 {
     let query = sqlx::query(sql);
     args.into_iter().fold(query, |query, value| match value {

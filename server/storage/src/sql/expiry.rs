@@ -20,7 +20,7 @@ impl Store {
         keep: Duration,
         removal: Removal,
     ) -> Result<Allowance, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         let is_confirmed = removal == Removal::Confirmed;
         let seen = last_time(&mut transaction).await?.unwrap_or(now);
         let jump = now.saturating_sub(seen);
@@ -40,8 +40,8 @@ impl Store {
 
     /// Whether one more case may go on this day.
     pub(crate) async fn has_room_today(&self, allowance: Allowance) -> Result<bool, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        let today = self.rows().now(&mut connection).await? / DAY;
+        let mut connection = self.connect().await?;
+        let today = connection.now().await? / DAY;
         let row = connection
             .fetch_one(
                 "SELECT CASE WHEN day = $1 THEN removed ELSE 0 END AS gone FROM expiry",
@@ -51,7 +51,7 @@ impl Store {
         Ok(allowance.covers(row.get::<i64>("gone")? + 1))
     }
 
-    /// As [`Store::delete_case`], if the case is still [`Store::expired`]; returns whether it was. `None`, and nothing has changed,
+    /// As [`Store::delete_rows`], if the case is still [`Store::expired`]; returns whether it was. `None`, and nothing has changed,
     /// if as many have gone on this day as may.
     pub(crate) async fn delete_expired(
         &self,
@@ -59,7 +59,7 @@ impl Store {
         age: Duration,
         allowance: Allowance,
     ) -> Result<Option<bool>, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         let before = now.saturating_sub(microseconds(age));
         if !cases::is_uploaded_before(&mut transaction, id, before).await? {
             return Ok(Some(false));
@@ -68,21 +68,7 @@ impl Store {
         if !allowance.covers(gone) {
             return Ok(None);
         }
-        self.rows().delete_in(transaction, id, now).await.map(Some)
-    }
-
-    /// How many cases are past their age and are still there; 0 if all are kept.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn expired_count(&self) -> Result<u64, StoreError> {
-        let Some(keep) = self.options().keep else {
-            return Ok(0);
-        };
-        let mut connection = self.rows().connect().await?;
-        let now = self.rows().now(&mut connection).await?;
-        let before = now.saturating_sub(microseconds(keep));
-        cases::count_uploaded_before(&mut connection, before).await
+        self.delete_in(transaction, id.into(), now).await.map(Some)
     }
 }
 

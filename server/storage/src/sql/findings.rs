@@ -13,7 +13,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read, or the document is damaged.
     pub async fn findings(&self, id: &CaseId) -> Result<StoredFindings, StoreError> {
-        one(&mut self.rows().connect().await?, id).await
+        one(&mut self.connect().await?, id).await
     }
 
     /// Replaces the findings of a case if they are still of the given version. The age of the case counts from now.
@@ -27,7 +27,7 @@ impl Store {
         document: String,
     ) -> Result<Replaced, StoreError> {
         let new = StoredFindings::new(document);
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         let is_case = upkeep::uploaded_again(&mut transaction, id, now).await?;
         if !is_case {
             return Ok(Replaced::NoSuchCase);
@@ -44,7 +44,7 @@ impl Store {
     /// Changes what is stored without changing its digest, as a failing disk would.
     #[cfg(test)]
     pub(crate) async fn damage_findings(&self, id: &CaseId) {
-        let mut connection = self.rows().connect().await.unwrap();
+        let mut connection = self.connect().await.unwrap();
         let damaged = connection.execute(
             "UPDATE findings SET document = '[0]' WHERE case_id = $1",
             args![id.to_string()],
@@ -58,7 +58,7 @@ impl Store {
         id: &CaseId,
         findings: &StoredFindings,
     ) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         if transaction.has_case(&id.to_string()).await? {
             put(&mut transaction, id, findings, now).await?;
             transaction.commit().await?;

@@ -5,10 +5,174 @@ use std::time::Duration;
 use case::{CaseId, CaseState, Failure, JobKind, JobState};
 use jiff::Timestamp;
 
+use super::claims::{self, Wanted};
 use super::connection::{Connection, Row, microseconds, new_id};
 use crate::args;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
-use crate::{ListCursor, StoreError};
+use crate::{Cursor, Store, StoreError};
+
+impl Store {
+    /// Queues a job, unless there is an open one of its kind and key; returns the open one. `None` if there is no such
+    /// case.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn enqueue(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !enqueue_of_case(&mut transaction, new, now).await? {
+            return Ok(None);
+        }
+        let job = latest(&mut transaction, new.kind, &new.key).await?;
+        transaction.commit().await?;
+        self.signals().queued();
+        Ok(job)
+    }
+
+    /// Forgets jobs that ended this long ago, but those that other tables keep.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn forget_jobs(&self, ended: Duration) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let kept = transaction.tables().kept_jobs().map_or("", JobKind::name);
+        transaction
+            .execute(
+                "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1 AND kind <> $2",
+                args![now - microseconds(ended), kept],
+            )
+            .await?;
+        transaction.commit().await
+    }
+
+    /// Refuses one more job of a kind of the client of this store, before anything is done for it.
+    ///
+    /// # Errors
+    /// [`StoreError::QueueFull`], or if the rows cannot be read.
+    pub(crate) async fn check_room(&self, kind: JobKind) -> Result<(), StoreError> {
+        let mut connection = self.connect().await?;
+        let now = connection.now().await?;
+        let most = self.options().queue_limit;
+        check_room(&mut connection, kind, most, &self.client, now).await
+    }
+
+    /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or do not belong to the objects.
+    pub async fn claim(
+        &self,
+        kind: JobKind,
+        max_attempts: u32,
+    ) -> Result<Option<Claim>, StoreError> {
+        let wanted = Wanted { kind, key: None };
+        // Most queries find nothing and must not wait for writers.
+        let mut reader = self.connect().await?;
+        let now = reader.now().await?;
+        let found = claims::oldest_available(&mut reader, wanted, now).await?;
+        drop(reader);
+        if found.is_none() {
+            return Ok(None);
+        }
+        self.id().await?;
+        let (mut transaction, now) = self.write().await?;
+        let lease = self.options().lease;
+        let claim = claims::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
+        transaction.commit_soon().await?;
+        if let Some(case) = claim.as_ref().and_then(|claim| claim.case) {
+            self.signals().changed(&case);
+        }
+        Ok(claim)
+    }
+
+    /// Renews a lease from now on and notes the progress; `false` if the lease is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn renew(&self, claim: &Claim, progress: Option<&str>) -> Result<bool, StoreError> {
+        let mut connection = self.connect().await?;
+        let until = connection.now().await? + microseconds(self.options().lease);
+        renew(&mut connection, claim, until, progress).await
+    }
+
+    /// Returns a lease; `false` if it is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn release(&self, claim: &Claim, release: &Release) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        // No process gets this fence number, so the former holder can neither renew nor publish.
+        let failure = release.failure.as_ref();
+        let failure = failure.map(serde_json::to_string).transpose()?;
+        let released = transaction
+            .execute(
+                "UPDATE jobs SET state = 'queued', lease_until = NULL, fence = 0, available_at = $1,
+                                 attempts = attempts - $2, progress = NULL, failure = $3
+                 WHERE id = $4 AND fence = $5 AND state = 'running'",
+                args![
+                    now + microseconds(release.after),
+                    i64::from(!release.counts),
+                    failure,
+                    &claim.id,
+                    claim.fence
+                ],
+            )
+            .await?;
+        transaction.commit().await?;
+        self.job_changed(claim);
+        Ok(released > 0)
+    }
+
+    /// Ends a job, if the lease is still ours; returns whether it was. With one that has failed for good, what it is about fails.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written. It may have ended even so; objects that nobody needs are then
+    /// removed later.
+    pub async fn finish(
+        &self,
+        claim: &Claim,
+        result: Result<(), &Failure>,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let is_ours = finish(&mut transaction, claim, result, now).await?;
+        if let Err(failure) = result
+            && is_ours
+        {
+            claims::fail_item(&mut transaction, claim.kind, &claim.key, failure, now).await?;
+        }
+        transaction.commit().await?;
+        self.job_changed(claim);
+        if is_ours && result.is_err() && claim.kind == JobKind::LAYER {
+            self.collect().await?;
+        }
+        Ok(is_ours)
+    }
+
+    /// Queues a job, unless there is an open one, and leases it; `None` if another process has it, or it failed just now.
+    pub(crate) async fn enqueue_and_claim(
+        &self,
+        new: &NewJob,
+        max_attempts: u32,
+    ) -> Result<Option<Claim>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !enqueue_of_case(&mut transaction, new, now).await? {
+            return Ok(None);
+        }
+        let wanted = Wanted {
+            kind: new.kind,
+            key: Some(&new.key),
+        };
+        let lease = self.options().lease;
+        let claim = claims::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
+        transaction.commit().await?;
+        Ok(claim)
+    }
+
+    pub(crate) fn job_changed(&self, claim: &Claim) {
+        if let Some(case) = &claim.case {
+            self.signals().changed(case);
+        }
+    }
+}
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_job {
@@ -54,6 +218,21 @@ pub(super) async fn enqueue_for(
     Ok(())
 }
 
+/// Adds a job, unless there is an open one; `false` if there is no such case.
+async fn enqueue_of_case(
+    connection: &mut Connection,
+    new: &NewJob,
+    now: i64,
+) -> Result<bool, StoreError> {
+    if let Some(case) = &new.case
+        && !connection.has_case(&case.to_string()).await?
+    {
+        return Ok(false);
+    }
+    enqueue(connection, new, now).await?;
+    Ok(true)
+}
+
 /// Makes a job of another store, whose case is here, as it is there; one that is open waits here.
 pub async fn write_copied(
     connection: &mut Connection,
@@ -81,7 +260,8 @@ pub async fn write_copied(
     Ok(())
 }
 
-pub(super) async fn one(connection: &mut Connection, id: &str) -> Result<Option<Job>, StoreError> {
+/// A job; `None` if there is none, or if it ended some days ago.
+pub async fn one(connection: &mut Connection, id: &str) -> Result<Option<Job>, StoreError> {
     let row = connection
         .fetch_optional(select_job!("WHERE id = $1"), args![id])
         .await?;
@@ -89,7 +269,7 @@ pub(super) async fn one(connection: &mut Connection, id: &str) -> Result<Option<
 }
 
 /// The latest job of a kind and a key.
-pub(super) async fn latest(
+pub async fn latest(
     connection: &mut Connection,
     kind: JobKind,
     key: &str,
@@ -118,13 +298,13 @@ pub async fn latest_of_key(
 }
 
 /// At most `limit` jobs after a cursor, newest first, and the cursor of the next page.
-pub(super) async fn page(
+pub async fn page(
     connection: &mut Connection,
     query: &JobQuery,
-    after: Option<&ListCursor>,
+    after: Option<&Cursor>,
     limit: usize,
-) -> Result<(Vec<Job>, Option<ListCursor>), StoreError> {
-    let (at, id) = ListCursor::place(after);
+) -> Result<(Vec<Job>, Option<Cursor>), StoreError> {
+    let (at, id) = Cursor::place(after);
     let rows = connection
         .fetch_all(
             select_job!(
@@ -143,8 +323,8 @@ pub(super) async fn page(
         )
         .await?;
     let jobs = rows.iter().map(read).collect::<Result<_, _>>()?;
-    Ok(ListCursor::page(jobs, limit, |job: &Job| {
-        (job.created_at, &job.id)
+    Ok(Cursor::page(jobs, limit, |job: &Job| {
+        (job.created_at, job.id.clone())
     }))
 }
 
@@ -166,23 +346,6 @@ pub(super) async fn oldest_of_each_kind(
         Ok((row.get("kind")?, Duration::from_micros(age)))
     };
     rows.iter().map(read).collect()
-}
-
-/// The number of jobs of a kind that wait for a lease.
-pub(super) async fn waiting(
-    connection: &mut Connection,
-    kind: JobKind,
-) -> Result<usize, StoreError> {
-    let row = connection
-        .fetch_one(
-            // SQLite uses the index of open jobs only for the words of its condition.
-            "SELECT count(*) AS count FROM jobs
-             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
-            args![kind.name()],
-        )
-        .await?;
-    let count: i64 = row.get("count")?;
-    Ok(usize::try_from(count).unwrap_or(0))
 }
 
 /// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client.
@@ -245,7 +408,7 @@ async fn time_to_a_place(
     Ok(Some(Duration::from_micros(wait.unsigned_abs())))
 }
 
-pub(super) async fn renew(
+async fn renew(
     connection: &mut Connection,
     claim: &Claim,
     until: i64,
@@ -259,33 +422,6 @@ pub(super) async fn renew(
         )
         .await?;
     Ok(renewed > 0)
-}
-
-/// Returns a lease.
-pub(super) async fn release(
-    connection: &mut Connection,
-    claim: &Claim,
-    release: &Release,
-    now: i64,
-) -> Result<bool, StoreError> {
-    // No process gets this fence number, so the former holder can neither renew nor publish.
-    let failure = release.failure.as_ref();
-    let failure = failure.map(serde_json::to_string).transpose()?;
-    let released = connection
-        .execute(
-            "UPDATE jobs SET state = 'queued', lease_until = NULL, fence = 0, available_at = $1,
-                             attempts = attempts - $2, progress = NULL, failure = $3
-             WHERE id = $4 AND fence = $5 AND state = 'running'",
-            args![
-                now + microseconds(release.after),
-                i64::from(!release.counts),
-                failure,
-                &claim.id,
-                claim.fence
-            ],
-        )
-        .await?;
-    Ok(released > 0)
 }
 
 /// Ends a job if the lease is still the claim's; whether it was.
@@ -357,28 +493,6 @@ pub async fn cancel(
 pub async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreError> {
     connection
         .execute("DELETE FROM jobs WHERE key = $1", args![key])
-        .await?;
-    Ok(())
-}
-
-/// Removes the jobs that ended before a time, but those that other tables keep.
-pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
-    let kept = connection.tables().kept_jobs().map_or("", JobKind::name);
-    connection
-        .execute(
-            "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1 AND kind <> $2",
-            args![before, kept],
-        )
-        .await?;
-    Ok(())
-}
-
-pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "UPDATE jobs SET lease_until = $1 WHERE state IN ('queued', 'running') AND lease_until > $1",
-            args![now],
-        )
         .await?;
     Ok(())
 }

@@ -8,11 +8,208 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
 use super::made::{self, read_closed};
-use super::{jobs, pins, upkeep};
+use super::{jobs, owners, pins, upkeep};
 use crate::args;
-use crate::jobs::{NewJob, layer_key};
-use crate::rows::{Inserted, LayerChange, LayerName, Made, NewLayer, Pinned, Referred};
-use crate::{ObjectName, StoreError};
+use crate::jobs::{Claim, NewJob};
+use crate::rows::{
+    Inserted, LayerChange, LayerName, Made, NewLayer, Owner, Pinned, Published, Referred,
+};
+use crate::{Store, StoreError};
+
+impl Store {
+    /// The layers of a case, in their order.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn layers(&self, case: &CaseId) -> Result<Vec<Layer>, StoreError> {
+        loop {
+            let read = of_case(&mut self.connect().await?, case).await;
+            match read {
+                Err(StoreError::DamagedLayer(case, layer)) => {
+                    let (mut transaction, now) = self.write().await?;
+                    forget_facts(&mut transaction, (&case, &layer).into(), now).await?;
+                    transaction.commit().await?;
+                }
+                _ => return read,
+            }
+        }
+    }
+
+    /// A layer of a case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn layer(&self, case: &CaseId, id: &LayerId) -> Result<Option<Layer>, StoreError> {
+        let layers = self.layers(case).await?;
+        Ok(layers.into_iter().find(|layer| layer.id == *id))
+    }
+
+    /// Makes a layer and its job, and turns its pins into references; or queues a failed one again.
+    pub(crate) async fn insert_layer(
+        &self,
+        new: &NewLayer,
+    ) -> Result<Referred<Inserted>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let inserted = submit(&mut transaction, new, now).await?;
+        if matches!(inserted, Referred::Done(_)) {
+            transaction.commit().await?;
+        }
+        Ok(inserted)
+    }
+
+    /// Renames a layer, or moves it in the list; returns whether there is such a layer.
+    ///
+    /// # Errors
+    /// [`StoreError::LayerNameTaken`], or if the rows cannot be written.
+    pub async fn change_layer(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+        change: &LayerChange,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        let layers = of_case(&mut transaction, case).await?;
+        let Some(from) = layers.iter().position(|known| known.id == *layer) else {
+            return Ok(false);
+        };
+        if let Some(name) = &change.name {
+            let is_taken = |other: &Layer| other.name == *name && other.id != *layer;
+            if layers.iter().any(is_taken) {
+                return Err(StoreError::LayerNameTaken);
+            }
+            transaction
+                .execute(
+                    "UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3",
+                    args![name, case.to_string(), layer.to_string()],
+                )
+                .await?;
+        }
+        if let Some(contrast) = change.contrast {
+            let parameters = LayerParameters {
+                contrast: Some(contrast),
+                ..layers[from].parameters.clone()
+            };
+            transaction
+                .execute(
+                    "UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3",
+                    args![
+                        serde_json::to_string(&parameters)?,
+                        case.to_string(),
+                        layer.to_string()
+                    ],
+                )
+                .await?;
+        }
+        if let Some(place) = change.place {
+            let mut ids: Vec<LayerId> = layers.iter().map(|layer| layer.id).collect();
+            ids.remove(from);
+            ids.insert(place.min(ids.len()), *layer);
+            for (place, id) in (0i64..).zip(ids) {
+                transaction
+                    .execute(
+                        "UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3",
+                        args![place, case.to_string(), id.to_string()],
+                    )
+                    .await?;
+            }
+        }
+        transaction.commit().await?;
+        self.signals().changed(case);
+        Ok(true)
+    }
+
+    /// Makes a layer ready and ends its job, if the lease is still ours.
+    pub(crate) async fn make_layer_ready(
+        &self,
+        claim: &Claim,
+        derived: &Pinned,
+        facts: &LayerFacts,
+    ) -> Result<Referred<Published>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let Some(owner) = claim.owner() else {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        };
+        if !jobs::finish(&mut transaction, claim, Ok(()), now).await? {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        }
+        if !owners::refer(&mut transaction, owner, derived, now).await? {
+            return Ok(Referred::PinLost);
+        }
+        let facts = serde_json::to_string(facts)?;
+        let [case, layer] = columns(owner);
+        transaction
+            .execute(
+                "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
+                args![&facts, upkeep::digest(&facts), case, layer],
+            )
+            .await?;
+        transaction.commit().await?;
+        Ok(Referred::Done(Published::Done))
+    }
+
+    /// Inserts a layer of another store, after those that are here, unless it is here, and turns its pins into references. What is
+    /// neither ready nor failed is queued.
+    pub(crate) async fn write_copied_layer(
+        &self,
+        layer: &Layer,
+        series: Option<&Uid>,
+        objects: &Pinned,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let state = match layer.state.is_final() {
+            true => layer.state,
+            false => CaseState::Queued,
+        };
+        let facts = layer.facts.as_ref().map(serde_json::to_string);
+        let (facts, failure) = (facts.transpose()?, layer.failure.as_ref());
+        let failure = failure.map(serde_json::to_string).transpose()?;
+        let others = of_case(&mut transaction, &layer.case).await?;
+        let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
+        transaction
+            .execute(
+                "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
+                 VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9, $10)
+                 ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
+                                                         facts = excluded.facts, facts_digest = excluded.facts_digest",
+                args![
+                    layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(),
+                    serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(),
+                    facts.as_deref().map(upkeep::digest), layer.created_at.as_microsecond(),
+                    series.map(Uid::as_str),
+                ],
+            )
+            .await?;
+        let owner = Owner::from((&layer.case, &layer.id));
+        if !owners::refer(&mut transaction, owner, objects, now).await? {
+            return Err(StoreError::Rows("a pin was lost".into()));
+        }
+        if !layer.state.is_final() {
+            let job = NewJob::about(JobKind::LAYER, owner);
+            jobs::enqueue(&mut transaction, &job, now).await?;
+        }
+        transaction.commit().await
+    }
+
+    /// The series that a layer is made of, if that is known.
+    pub(crate) async fn series_of_layer(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+    ) -> Result<Option<Uid>, StoreError> {
+        let mut connection = self.connect().await?;
+        let row = connection
+            .fetch_optional(
+                "SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2",
+                args![case.to_string(), layer.to_string()],
+            )
+            .await?;
+        let series: Option<String> = match row {
+            Some(row) => row.get("series_uid")?,
+            None => None,
+        };
+        Ok(series.as_deref().and_then(Uid::parse))
+    }
+}
 
 /// A layer, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_layer {
@@ -28,7 +225,7 @@ macro_rules! select_layer {
 }
 
 /// Inserts a layer, and its job; or queues a failed one again.
-pub(super) async fn submit(
+pub(crate) async fn submit(
     connection: &mut Connection,
     new: &NewLayer,
     now: i64,
@@ -39,8 +236,6 @@ pub(super) async fn submit(
     let others = of_case(connection, &new.case).await?;
     let known = others.iter().find(|layer| layer.id == new.id);
     if known.is_some_and(|layer| layer.state != CaseState::Failed) {
-        let made = Made::layer(&new.case, &new.id);
-        made::make(connection, &made, &new.images).await?;
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
     if known.is_none() && others.len() >= new.most {
@@ -55,16 +250,16 @@ pub(super) async fn submit(
     )
     .await?;
     let inserted = if known.is_some() {
-        queue_again(connection, &new.case, &new.id, &new.client, now).await?;
-        let made = Made::layer(&new.case, &new.id);
-        made::make(connection, &made, &new.images).await?;
+        owners::queue_again(connection, new.owner(), &new.client, now).await?;
         Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
         insert_row(connection, new, &name, now).await?;
         Inserted::Created
     };
-    match refer(connection, &new.case, &new.id, &new.sources, now).await? {
+    let made = Made::layer(&new.case, &new.id);
+    made::make(connection, &made, &new.images).await?;
+    match owners::refer(connection, new.owner(), &new.sources, now).await? {
         true => Ok(Referred::Done(inserted)),
         false => Ok(Referred::PinLost),
     }
@@ -99,26 +294,8 @@ async fn insert_row(
             ],
         )
         .await?;
-    let made = Made::layer(&new.case, &new.id);
-    made::make(connection, &made, &new.images).await?;
-    let job = NewJob::layer(&new.case, &new.id);
+    let job = NewJob::about(JobKind::LAYER, new.owner());
     jobs::enqueue_for(connection, &job, &new.client, now).await
-}
-
-pub(super) async fn queue_again(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-    client: &str,
-    now: i64,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2",
-            args![case.to_string(), layer.to_string()],
-        )
-        .await?;
-    jobs::enqueue_for(connection, &NewJob::layer(case, layer), client, now).await
 }
 
 /// Gives a new version of a case the layers of the case, to be prepared with its own envelope; their placement stays.
@@ -137,7 +314,8 @@ pub(super) async fn inherit(
         )
         .await?;
     for layer in of_case(connection, case).await? {
-        jobs::enqueue(connection, &NewJob::layer(case, &layer.id), now).await?;
+        let job = NewJob::about(JobKind::LAYER, (case, &layer.id));
+        jobs::enqueue(connection, &job, now).await?;
     }
     made::inherit_layers(connection, case, previous).await?;
     connection
@@ -149,49 +327,6 @@ pub(super) async fn inherit(
         )
         .await?;
     Ok(())
-}
-
-/// Turns pins into references of a layer; `false` if a pin is gone. Objects that it no longer needs are abandoned.
-pub(super) async fn refer(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-    pinned: &Pinned,
-    now: i64,
-) -> Result<bool, StoreError> {
-    if !pins::consume(connection, pinned).await? {
-        return Ok(false);
-    }
-    let before = objects(connection, case, layer).await?;
-    for name in &pinned.names {
-        connection
-            .execute(
-                "INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
-                 ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest",
-                args![
-                    case.to_string(), layer.to_string(), name.kind.name(), name.digest.to_string(),
-                ],
-            )
-            .await?;
-    }
-    let after = objects(connection, case, layer).await?;
-    let dropped = before.into_iter().filter(|name| !after.contains(name));
-    pins::abandon(connection, dropped.collect(), now).await?;
-    Ok(true)
-}
-
-pub(super) async fn objects(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-) -> Result<Vec<ObjectName>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            "SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind",
-            args![case.to_string(), layer.to_string()],
-        )
-        .await?;
-    rows.iter().map(pins::read_name).collect()
 }
 
 /// Leaves the objects of all layers of a case with expired pins, before the case is deleted.
@@ -220,8 +355,8 @@ pub async fn of_case(connection: &mut Connection, case: &CaseId) -> Result<Vec<L
     rows.iter().map(read).collect()
 }
 
-/// The layers that are made of a series.
-pub(super) async fn of_series(
+/// The layers that are made of a series, of whichever case and study.
+pub async fn of_series(
     connection: &mut Connection,
     series: &Uid,
 ) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
@@ -234,103 +369,38 @@ pub(super) async fn of_series(
     rows.iter().map(read_ids).collect()
 }
 
-/// The series that a layer is made of, if that is known.
-pub(super) async fn series_of(
+/// Makes a layer failed, which then needs no objects.
+pub(super) async fn make_failed(
     connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-) -> Result<Option<Uid>, StoreError> {
-    let row = connection
-        .fetch_optional(
-            "SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2",
-            args![case.to_string(), layer.to_string()],
+    owner: Owner,
+    failure: &Failure,
+    now: i64,
+) -> Result<(), StoreError> {
+    let needed = owners::objects(connection, owner).await?;
+    pins::abandon(connection, needed, now).await?;
+    let [case, layer] = columns(owner);
+    connection
+        .execute(
+            "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2",
+            args![&case, &layer],
         )
         .await?;
-    let series: Option<String> = match row {
-        Some(row) => row.get("series_uid")?,
-        None => None,
-    };
-    Ok(series.as_deref().and_then(Uid::parse))
+    connection
+        .execute(
+            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3",
+            args![serde_json::to_string(failure)?, case, layer],
+        )
+        .await?;
+    Ok(())
 }
 
-/// Whether a case has all of these layers.
-pub(super) async fn are_there(
-    connection: &mut Connection,
-    case: &CaseId,
-    layers: &[LayerId],
-) -> Result<bool, StoreError> {
-    if layers.is_empty() {
-        return Ok(true);
-    }
-    let held = of_case(connection, case).await?;
-    let is_held = |id: &LayerId| held.iter().any(|layer| layer.id == *id);
-    Ok(layers.iter().all(is_held))
-}
-
-/// Renames a layer, or moves it in the list; whether there is such a layer.
-pub(super) async fn change(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-    change: &LayerChange,
-) -> Result<bool, StoreError> {
-    let layers = of_case(connection, case).await?;
-    let Some(from) = layers.iter().position(|known| known.id == *layer) else {
-        return Ok(false);
-    };
-    if let Some(name) = &change.name {
-        let is_taken = |other: &Layer| other.name == *name && other.id != *layer;
-        if layers.iter().any(is_taken) {
-            return Err(StoreError::LayerNameTaken);
-        }
-        connection
-            .execute(
-                "UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3",
-                args![name, case.to_string(), layer.to_string()],
-            )
-            .await?;
-    }
-    if let Some(contrast) = change.contrast {
-        let parameters = LayerParameters {
-            contrast: Some(contrast),
-            ..layers[from].parameters.clone()
-        };
-        connection
-            .execute(
-                "UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3",
-                args![
-                    serde_json::to_string(&parameters)?,
-                    case.to_string(),
-                    layer.to_string()
-                ],
-            )
-            .await?;
-    }
-    if let Some(place) = change.place {
-        let mut ids: Vec<LayerId> = layers.iter().map(|layer| layer.id).collect();
-        ids.remove(from);
-        ids.insert(place.min(ids.len()), *layer);
-        for (place, id) in (0i64..).zip(ids) {
-            connection
-                .execute(
-                    "UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3",
-                    args![place, case.to_string(), id.to_string()],
-                )
-                .await?;
-        }
-    }
-    Ok(true)
-}
-
+/// Removes the row of a layer; whether it was there. Its references go with it (ON DELETE CASCADE).
 pub(super) async fn delete(
     connection: &mut Connection,
     case: &CaseId,
     layer: &LayerId,
-    now: i64,
 ) -> Result<bool, StoreError> {
-    let needed = objects(connection, case, layer).await?;
-    pins::abandon(connection, needed, now).await?;
-    jobs::remove(connection, &layer_key(case, layer)).await?;
+    jobs::remove(connection, &Owner::from((case, layer)).key()).await?;
     made::forget(connection, &Made::layer(case, layer)).await?;
     let deleted = connection
         .execute(
@@ -341,138 +411,40 @@ pub(super) async fn delete(
     Ok(deleted > 0)
 }
 
-pub(super) async fn make_ready(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-    facts: &LayerFacts,
-) -> Result<(), StoreError> {
-    let facts = serde_json::to_string(facts)?;
-    connection
-        .execute(
-            "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
-            args![&facts, upkeep::digest(&facts), case.to_string(), layer.to_string()],
-        )
-        .await?;
-    Ok(())
-}
-
-/// Makes a layer failed, which then needs no objects.
-pub(super) async fn make_failed(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-    failure: &Failure,
-    now: i64,
-) -> Result<(), StoreError> {
-    let needed = objects(connection, case, layer).await?;
-    pins::abandon(connection, needed, now).await?;
-    let [case, layer] = [case.to_string(), layer.to_string()];
-    connection
-        .execute(
-            "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2",
-            args![&*case, &*layer],
-        )
-        .await?;
-    connection
-        .execute(
-            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3",
-            args![serde_json::to_string(failure)?, &*case, &*layer],
-        )
-        .await?;
-    Ok(())
-}
-
-/// Queues a ready layer again; whether it was ready.
-pub(super) async fn prepare_again(
-    connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
-    now: i64,
-) -> Result<bool, StoreError> {
-    let layers = of_case(connection, case).await?;
-    let is_ready = |known: &Layer| known.id == *layer && known.state == CaseState::Ready;
-    if !layers.iter().any(is_ready) {
-        return Ok(false);
-    }
-    queue_again(connection, case, layer, "", now).await?;
-    Ok(true)
-}
-
-pub(super) async fn write_copied(
-    connection: &mut Connection,
-    layer: &Layer,
-    series: Option<&Uid>,
-    objects: &Pinned,
-    now: i64,
-) -> Result<(), StoreError> {
-    let state = match layer.state.is_final() {
-        true => layer.state,
-        false => CaseState::Queued,
-    };
-    let facts = layer
-        .facts
-        .as_ref()
-        .map(serde_json::to_string)
-        .transpose()?;
-    let failure = layer
-        .failure
-        .as_ref()
-        .map(serde_json::to_string)
-        .transpose()?;
-    let others = of_case(connection, &layer.case).await?;
-    let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
-    connection
-        .execute(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9, $10)
-             ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
-                                                     facts = excluded.facts, facts_digest = excluded.facts_digest",
-            args![
-                layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(),
-                serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(),
-                facts.as_deref().map(upkeep::digest), layer.created_at.as_microsecond(),
-                series.map(Uid::as_str),
-            ],
-        )
-        .await?;
-    if !refer(connection, &layer.case, &layer.id, objects, now).await? {
-        return Err(StoreError::Rows("a pin was lost".into()));
-    }
-    if !layer.state.is_final() {
-        jobs::enqueue(connection, &NewJob::layer(&layer.case, &layer.id), now).await?;
-    }
-    Ok(())
-}
-
 /// Queues a layer again whose facts are damaged: they are made again from the source, and so is its map, because it may lie
 /// elsewhere then.
-pub(super) async fn forget_facts(
+async fn forget_facts(
     connection: &mut Connection,
-    case: &CaseId,
-    layer: &LayerId,
+    owner: Owner,
     now: i64,
 ) -> Result<(), StoreError> {
     tracing::error!(
-        case = case.short(),
+        case = owner.case.short(),
         "the facts of a layer are damaged; it will be placed again from its source"
     );
-    let mut maps = objects(connection, case, layer).await?;
+    let mut maps = owners::objects(connection, owner).await?;
     maps.retain(|name| name.kind == ObjectKind::Maps);
     pins::abandon(connection, maps, now).await?;
+    let [case, layer] = columns(owner);
     connection
         .execute(
             "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'",
-            args![case.to_string(), layer.to_string()],
+            args![&case, &layer],
         )
         .await?;
     connection
         .execute(
             "UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2",
-            args![case.to_string(), layer.to_string()],
+            args![case, layer],
         )
         .await?;
-    queue_again(connection, case, layer, "", now).await
+    owners::queue_again(connection, owner, "", now).await
+}
+
+/// The columns that name a layer.
+fn columns(Owner { case, layer }: Owner) -> [String; 2] {
+    let layer = layer.map_or_else(String::new, |layer| layer.to_string());
+    [case.to_string(), layer]
 }
 
 fn unreadable(what: &str) -> StoreError {

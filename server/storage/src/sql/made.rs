@@ -106,7 +106,7 @@ pub async fn forget(connection: &mut Connection, made: &Made) -> Result<(), Stor
 }
 
 /// The images that something was made of, by UID.
-pub(super) async fn of(connection: &mut Connection, made: &Made) -> Result<Vec<Image>, StoreError> {
+pub async fn of(connection: &mut Connection, made: &Made) -> Result<Vec<Image>, StoreError> {
     let rows = connection
         .fetch_all(
             "SELECT sop_instance_uid, fingerprint, times FROM made_of

@@ -1,14 +1,76 @@
 //! Pins, which protect objects that no case references yet.
 
-use super::connection::{Connection, Row};
+use std::time::Duration;
+
+use super::connection::{Connection, Row, microseconds};
+use super::tombstones;
 use crate::args;
 use crate::rows::Pinned;
-use crate::{ObjectName, StoreError};
+use crate::{ObjectName, Store, StoreError};
 
 /// The holder of expired pins on objects that may be unneeded.
 const NOBODY: &str = "nobody";
 
-pub(super) async fn insert(
+impl Store {
+    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of
+    /// them has a tombstone: try again once the tombstone is removed.
+    pub(crate) async fn try_pin(
+        &self,
+        pinned: &Pinned,
+        lease: Duration,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if tombstones::any_of(&mut transaction, &pinned.names).await? {
+            return Ok(false);
+        }
+        insert(&mut transaction, pinned, now + microseconds(lease)).await?;
+        transaction.commit().await?;
+        Ok(true)
+    }
+
+    /// Makes pins expire at once, because the objects are not needed.
+    pub(crate) async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        transaction
+            .execute(
+                "UPDATE pins SET expires_at = $1 WHERE holder = $2",
+                args![now, &pinned.holder],
+            )
+            .await?;
+        transaction.commit().await
+    }
+
+    /// Forgets who was writing objects when the rows were saved from which they were restored: what was written may have been
+    /// acknowledged since, and no sweep must remove it. A process that is writing now writes again. The pins of objects that are to be
+    /// removed stay.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn forget_writers(&self) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        transaction
+            .execute("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
+            .await?;
+        transaction.commit().await
+    }
+}
+
+/// Pins objects that are there until the end of the transaction.
+///
+/// # Errors
+/// If one of them is being removed, or the rows cannot be written.
+pub async fn hold(
+    transaction: &mut Connection,
+    objects: &Pinned,
+    now: i64,
+) -> Result<(), StoreError> {
+    if tombstones::any_of(transaction, &objects.names).await? {
+        return Err(StoreError::Rows("an object is being removed".into()));
+    }
+    insert(transaction, objects, now).await
+}
+
+async fn insert(
     connection: &mut Connection,
     pinned: &Pinned,
     until: i64,
@@ -30,27 +92,6 @@ pub(super) async fn insert(
     Ok(())
 }
 
-pub(super) async fn expire(
-    connection: &mut Connection,
-    pinned: &Pinned,
-    now: i64,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "UPDATE pins SET expires_at = $1 WHERE holder = $2",
-            args![now, &pinned.holder],
-        )
-        .await?;
-    Ok(())
-}
-
-pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
-    connection
-        .execute("UPDATE pins SET expires_at = $1", args![now])
-        .await?;
-    Ok(())
-}
-
 /// Takes the holder's pins away; `false` if one of them has gone already.
 pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<bool, StoreError> {
     for name in &pinned.names {
@@ -65,14 +106,6 @@ pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<boo
         }
     }
     Ok(true)
-}
-
-/// Takes the pins of all writers away, who write their objects again. Those of objects that are to be removed stay.
-pub(super) async fn forget_writers(connection: &mut Connection) -> Result<(), StoreError> {
-    connection
-        .execute("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
-        .await?;
-    Ok(())
 }
 
 /// Leaves an expired pin on an object that may be unneeded, so that a sweep checks it.

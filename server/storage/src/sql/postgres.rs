@@ -102,7 +102,7 @@ async fn keep_commits(connection: &mut PgConnection) -> Result<(), sqlx::Error> 
 ///
 /// While it is, one caller at a time tries to reach it and all others are told at once.
 #[derive(Debug, Clone)]
-pub(super) struct Connections {
+pub(crate) struct Connections {
     pool: PgPool,
     /// Held for moments.
     away: Arc<Mutex<Option<Away>>>,
@@ -246,6 +246,7 @@ fn read_change(payload: &str) -> Option<Change> {
 
 #[cfg(test)]
 mod tests {
+    use crate::CaseQuery;
     use std::collections::HashSet;
 
     use futures_util::future::join_all;
@@ -304,7 +305,7 @@ mod tests {
         let new = new_case(&store, "a").await;
         store.insert_case(&new).await.unwrap();
         // It waits for the case.
-        let maps = NewJob::of_ready_case(JobKind::MAPS, &new.id);
+        let maps = NewJob::about(JobKind::MAPS, &new.id);
         store.enqueue(&maps).await.unwrap();
         // A worker knows no PACS.
         let send = NewJob {
@@ -381,7 +382,7 @@ mod tests {
         };
         let address = server.database().await;
         let (here, there) = (store_at(&address).await, store_at(&address).await);
-        let mut changes = here.rows().changes().await.unwrap().unwrap();
+        let mut changes = here.rows().database.changes().await.unwrap().unwrap();
         let mut heard = async |awaited: Change| {
             let hear = async { while changes.next().await.unwrap() != awaited {} };
             let patience = Duration::from_secs(10);
@@ -394,17 +395,17 @@ mod tests {
         heard(Change::Changed(new.id)).await;
 
         server.stop();
-        assert!(there.rows().check().await.is_err());
+        assert!(there.rows().database.check().await.is_err());
         server.start_again().await;
         let begun = Instant::now();
-        while there.rows().check().await.is_err() {
+        while there.rows().database.check().await.is_err() {
             assert!(begun.elapsed() < Duration::from_secs(10));
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         let mut hears = std::pin::pin!(heard(Change::Deleted(new.id)));
         // It listens again at some moment within the next seconds.
         loop {
-            there.delete_case(&new.id).await.unwrap();
+            there.delete_rows(&new.id).await.unwrap();
             tokio::select! {
                 () = &mut hears => break,
                 () = tokio::time::sleep(Duration::from_millis(200)) => {}
@@ -451,11 +452,14 @@ mod tests {
         let (port, hangs) = hanging_way(options.get_socket().unwrap().join(socket)).await;
         let name = options.get_database().unwrap();
         let store = store_at(&format!("postgres://postgres@127.0.0.1:{port}/{name}")).await;
-        store.rows().check().await.unwrap();
+        store.rows().database.check().await.unwrap();
         hangs.send_replace(true);
         for longest in [ACQUIRE_TIMEOUT - Duration::from_secs(1), AWAY_FOR] {
             let begun = Instant::now();
-            let error = store.cases(None, 1).await.unwrap_err();
+            let error = store
+                .cases(&CaseQuery::default(), None, 1)
+                .await
+                .unwrap_err();
             assert!(error.is_away(), "{error:?}");
             assert!(begun.elapsed() < longest, "{:?}", begun.elapsed());
         }

@@ -5,34 +5,39 @@ use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, Seri
 
 use super::connection::{Connection, Row, unreadable};
 use super::made::read_uid;
-use crate::StoreError;
 use crate::args;
+use crate::{Store, StoreError};
 
-pub(super) async fn index(
-    connection: &mut Connection,
-    series: &CaseSeries,
-) -> Result<(), StoreError> {
-    connection
-        .execute(
-            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
-             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
-             ON CONFLICT (case_id) DO NOTHING",
-            args![
-                series.case.to_string(),
-                series.uids.study.as_str(),
-                series.uids.series.as_str(),
-                series
-                    .accession_number
-                    .as_ref()
-                    .map(AccessionNumber::as_str),
-                series.patient.map(PatientDigest::to_hex)
-            ],
-        )
-        .await?;
-    Ok(())
+impl Store {
+    /// Enters the series of a case into the index; nothing if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        transaction
+            .execute(
+                "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
+                 SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
+                 ON CONFLICT (case_id) DO NOTHING",
+                args![
+                    series.case.to_string(),
+                    series.uids.study.as_str(),
+                    series.uids.series.as_str(),
+                    series
+                        .accession_number
+                        .as_ref()
+                        .map(AccessionNumber::as_str),
+                    series.patient.map(PatientDigest::to_hex)
+                ],
+            )
+            .await?;
+        transaction.commit().await
+    }
 }
 
-pub(super) async fn series_of(
+/// The indexed series of a case.
+pub async fn of_case(
     connection: &mut Connection,
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
@@ -45,7 +50,8 @@ pub(super) async fn series_of(
     row.as_ref().map(read_case_series).transpose()
 }
 
-pub(super) async fn cases_of(
+/// The cases that a request names, newest first.
+pub async fn cases_of(
     connection: &mut Connection,
     query: &SeriesQuery,
 ) -> Result<Vec<CaseSeries>, StoreError> {

@@ -39,7 +39,7 @@ pub(super) fn in_file(file: &Path) -> SqliteConnectOptions {
 
 /// Connections to a database.
 #[derive(Debug, Clone)]
-pub(super) struct Connections {
+pub(crate) struct Connections {
     pool: SqlitePool,
     log: Arc<Log>,
 }
@@ -218,6 +218,8 @@ pub(super) async fn empty_log(pool: &SqlitePool) {
 
 #[cfg(test)]
 mod tests {
+    use crate::CaseQuery;
+    use crate::testing::{rename, waiting};
     use case::{CaseId, CaseState, ObjectKind};
 
     use super::*;
@@ -278,7 +280,7 @@ mod tests {
         let full = store.try_pin(&many_pins(), HOUR).await.unwrap_err();
         assert!(full.is_full(), "{full:?}");
         // The connection was closed; another one does not have its limit.
-        store.rows().check().await.unwrap();
+        store.rows().database.check().await.unwrap();
         store.try_pin(&many_pins(), HOUR).await.unwrap();
     }
 
@@ -289,7 +291,7 @@ mod tests {
         std::fs::copy(file, &copy).unwrap();
         std::fs::copy(log_of(file), log_of(&copy)).unwrap();
         let store = at(&copy).await.unwrap();
-        let page = store.cases(None, 1).await.unwrap();
+        let page = store.cases(&CaseQuery::default(), None, 1).await.unwrap();
         page.cases[0].parameters.name.clone()
     }
 
@@ -305,7 +307,7 @@ mod tests {
         std::fs::copy(file, &copy).unwrap();
         std::fs::write(log_of(&copy), &before).unwrap();
         let store = at(&copy).await.unwrap();
-        store.rename(id, label).await.unwrap();
+        rename(&store, id, label).await;
         let after = std::fs::read(log_of(&copy)).unwrap();
         assert!(after.starts_with(&before) && after.len() > before.len());
         let mut log = std::fs::OpenOptions::new()
@@ -320,7 +322,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
         let (store, id) = with_a_ready_case(&file).await;
-        store.rename(&id, "before").await.unwrap();
+        rename(&store, &id, "before").await;
         leave_a_failed_commit(&file, &id, "refused").await;
         let seen = store.case(&id).await.unwrap().unwrap();
         assert_eq!(seen.parameters.name.as_deref(), Some("before"));
@@ -331,10 +333,10 @@ mod tests {
         };
         let has_failed = &connections.log.has_failed_commit;
         has_failed.store(true, Ordering::Release);
-        store.rows().check().await.unwrap();
+        store.rows().database.check().await.unwrap();
         assert!(!has_failed.load(Ordering::Acquire));
         assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("before"));
-        store.rename(&id, "after").await.unwrap();
+        rename(&store, &id, "after").await;
         assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("after"));
     }
 
@@ -395,16 +397,16 @@ mod tests {
         let file = directory.path().join("rows.sqlite");
         let log = directory.path().join("rows.sqlite-wal");
         let (store, id) = with_a_ready_case(&file).await;
-        store.rename(&id, "CANARY-LABEL").await.unwrap();
+        rename(&store, &id, "CANARY-LABEL").await;
         let words = ["CANARY-LABEL".to_owned(), id.to_string()];
         for word in &words {
             assert!(holds(&file, word) || holds(&log, word), "{word}");
         }
-        store.delete_case(&id).await.unwrap();
+        store.delete_rows(&id).await.unwrap();
         for word in &words {
             assert!(!holds(&file, word) && !holds(&log, word), "{word}");
         }
-        store.rows().close().await;
+        store.rows().database.close().await;
         assert!(!log.exists());
     }
 
@@ -424,11 +426,11 @@ mod tests {
                 .await
                 .unwrap();
             if found_by_list {
-                store.cases(None, 10).await.unwrap();
+                store.cases(&CaseQuery::default(), None, 10).await.unwrap();
             }
             let case = store.case(&id).await.unwrap().unwrap();
             assert_eq!((case.state, case.facts), (CaseState::Queued, None));
-            assert_eq!(store.waiting(case::JobKind::PREPARE).await.unwrap(), 1);
+            assert_eq!(waiting(&store, case::JobKind::PREPARE).await, 1);
         }
     }
 
@@ -449,9 +451,9 @@ mod tests {
                 .unwrap();
         }
         drop(connection);
-        store.rows().close().await;
+        store.rows().database.close().await;
         let store = at(&file).await.unwrap();
-        let error = store.rows().check_file().await.unwrap_err();
+        let error = store.rows().database.check_file().await.unwrap_err();
         assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
     }
 
@@ -508,9 +510,9 @@ mod tests {
                     .unwrap();
             }
             drop(connection);
-            let listed = store.cases(None, 10).await.map(drop);
+            let listed = store.cases(&CaseQuery::default(), None, 10).await.map(drop);
             let error = listed
-                .and(store.case_objects(&id).await.map(drop))
+                .and(store.objects_of(&id).await.map(drop))
                 .unwrap_err();
             let source = std::error::Error::source(&error).unwrap().to_string();
             assert!(source.contains(words), "{change}: {source}");
@@ -520,7 +522,7 @@ mod tests {
     #[tokio::test]
     async fn a_check_writes_nothing() {
         let store = on(Rows::in_memory(Arc::new(())).await.unwrap()).await;
-        store.rows().check().await.unwrap();
+        store.rows().database.check().await.unwrap();
         let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
             .fetch_one(pool(&store))
             .await

@@ -4,7 +4,75 @@ use super::connection::{Connection, microseconds};
 use super::pins;
 use crate::args;
 use crate::rows::Sweep;
-use crate::{ObjectName, StoreError};
+use crate::{ObjectName, Store, StoreError};
+
+impl Store {
+    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
+    /// ended.
+    pub(crate) async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.connect().await?;
+        let now = connection.now().await?;
+        let rows = connection
+            .fetch_all(
+                // A manifest goes before the sources that it names.
+                "SELECT kind, digest FROM
+                   (SELECT kind, digest FROM pins WHERE expires_at <= $1
+                    UNION SELECT kind, digest FROM tombstones WHERE lease_until <= $1) AS unneeded
+                 ORDER BY kind <> 'manifest' LIMIT $2",
+                args![now, i64::try_from(limit).unwrap_or(i64::MAX)],
+            )
+            .await?;
+        rows.iter().map(pins::read_name).collect()
+    }
+
+    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other
+    /// live sweep removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its
+    /// own to delete.
+    pub(crate) async fn mark(
+        &self,
+        names: &[ObjectName],
+        sweep: &Sweep,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let mut marked = Vec::new();
+        for name in names {
+            forget_expired_pins(&mut transaction, name, now).await?;
+            if !is_needed(&mut transaction, name).await?
+                && take(&mut transaction, name, sweep, now).await?
+            {
+                marked.push(*name);
+            }
+        }
+        transaction.commit().await?;
+        Ok(marked)
+    }
+
+    /// Removes the tombstones of a sweep after their objects are deleted, if the sweep still holds them.
+    pub(crate) async fn remove_tombstones(&self, holder: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
+        transaction
+            .execute("DELETE FROM tombstones WHERE holder = $1", args![holder])
+            .await?;
+        transaction.commit().await
+    }
+
+    /// Those of the given objects that no case needs, no pin protects and no sweep removes.
+    pub(crate) async fn unneeded(
+        &self,
+        names: &[ObjectName],
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.connect().await?;
+        let mut unneeded = Vec::new();
+        for name in names {
+            if !is_needed(&mut connection, name).await?
+                && !any_of(&mut connection, &[*name]).await?
+            {
+                unneeded.push(*name);
+            }
+        }
+        Ok(unneeded)
+    }
+}
 
 /// Whether one of the objects has a tombstone.
 pub(super) async fn any_of(
@@ -22,40 +90,6 @@ pub(super) async fn any_of(
         }
     }
     Ok(false)
-}
-
-pub(super) async fn abandoned(
-    connection: &mut Connection,
-    now: i64,
-    limit: usize,
-) -> Result<Vec<ObjectName>, StoreError> {
-    let rows = connection
-        .fetch_all(
-            // A manifest goes before the sources that it names.
-            "SELECT kind, digest FROM
-               (SELECT kind, digest FROM pins WHERE expires_at <= $1
-                UNION SELECT kind, digest FROM tombstones WHERE lease_until <= $1) AS unneeded
-             ORDER BY kind <> 'manifest' LIMIT $2",
-            args![now, i64::try_from(limit).unwrap_or(i64::MAX)],
-        )
-        .await?;
-    rows.iter().map(pins::read_name).collect()
-}
-
-pub(super) async fn mark(
-    connection: &mut Connection,
-    names: &[ObjectName],
-    sweep: &Sweep,
-    now: i64,
-) -> Result<Vec<ObjectName>, StoreError> {
-    let mut marked = Vec::new();
-    for name in names {
-        forget_expired_pins(connection, name, now).await?;
-        if !is_needed(connection, name).await? && take(connection, name, sweep, now).await? {
-            marked.push(*name);
-        }
-    }
-    Ok(marked)
 }
 
 async fn forget_expired_pins(
@@ -86,20 +120,6 @@ async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<boo
     Ok(row.get("needed")? || tables.needs(connection, name).await?)
 }
 
-/// Those that no case needs, no pin protects and no sweep removes.
-pub(super) async fn unneeded(
-    connection: &mut Connection,
-    names: &[ObjectName],
-) -> Result<Vec<ObjectName>, StoreError> {
-    let mut unneeded = Vec::new();
-    for name in names {
-        if !is_needed(connection, name).await? && !any_of(connection, &[*name]).await? {
-            unneeded.push(*name);
-        }
-    }
-    Ok(unneeded)
-}
-
 /// Leaves a tombstone, or takes over one whose lease has ended; whether it is the sweep's own now.
 async fn take(
     connection: &mut Connection,
@@ -118,21 +138,4 @@ async fn take(
     )
     .await?;
     Ok(taken > 0)
-}
-
-pub(super) async fn remove_tombstones(
-    connection: &mut Connection,
-    holder: &str,
-) -> Result<(), StoreError> {
-    connection
-        .execute("DELETE FROM tombstones WHERE holder = $1", args![holder])
-        .await?;
-    Ok(())
-}
-
-pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
-    connection
-        .execute("UPDATE tombstones SET lease_until = $1", args![now])
-        .await?;
-    Ok(())
 }

@@ -1,34 +1,65 @@
 //! What the upkeep of a store asks the rows: digests that protect the facts of cases, and how old the rows are.
 
-use super::connection::Connection;
-use super::{Rows, jobs};
-use crate::StoreError;
+use super::connection::{Connection, Row, microseconds};
+use super::{cases, jobs};
 use crate::args;
-use crate::jobs::NewJob;
-use case::CaseId;
+use crate::rows::RowCounts;
+use crate::{ObjectName, Store, StoreError};
+use case::{CaseId, ObjectKind};
+
+impl Store {
+    /// How many cases and jobs are in which state, and how long jobs have waited, for metrics.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn row_counts(&self) -> Result<RowCounts, StoreError> {
+        let mut connection = self.connect().await?;
+        let now = connection.now().await?;
+        let rows = connection
+            .fetch_all(
+                "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'closed', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, 'closed', count(*)
+                     FROM cases WHERE closed > 0 GROUP BY closed
+                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state",
+                args![],
+            )
+            .await?;
+        let read = |row: &Row| {
+            let [what, part, state] = ["what", "part", "state"].map(|column| row.get(column));
+            let number: i64 = row.get("number")?;
+            Ok((what?, part?, state?, number.unsigned_abs()))
+        };
+        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
+        let expired = match self.options().keep {
+            Some(keep) => {
+                let before = now.saturating_sub(microseconds(keep));
+                cases::count_uploaded_before(&mut connection, before).await?
+            }
+            None => 0,
+        };
+        Ok(RowCounts {
+            by_state,
+            expired,
+            oldest: jobs::oldest_of_each_kind(&mut connection, now).await?,
+        })
+    }
+
+    /// The next objects of one kind to which rows of other tables refer, by digest.
+    pub(crate) async fn objects_of_tables(
+        &self,
+        kind: ObjectKind,
+        after: Option<&ObjectName>,
+        limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.connect().await?;
+        let tables = connection.tables();
+        tables.objects(&mut connection, kind, after, limit).await
+    }
+}
 
 /// The digest of facts, as it is stored beside them.
 pub(super) fn digest(facts: &str) -> String {
     blake3::hash(facts.as_bytes()).to_string()
-}
-
-/// Queues a case again whose facts are damaged: they are made again from the source.
-pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreError> {
-    tracing::error!(
-        case = id.short(),
-        "the facts of a case are damaged; the case will be prepared again from its source"
-    );
-    let (mut transaction, now) = rows.write().await?;
-    let found = transaction
-        .execute(
-            "UPDATE cases SET state = 'queued', facts = NULL, facts_digest = NULL WHERE id = $1",
-            args![id.to_string()],
-        )
-        .await?;
-    if found > 0 {
-        jobs::enqueue(&mut transaction, &NewJob::prepare(id), now).await?;
-    }
-    transaction.commit().await
 }
 
 /// Lets the age of a case count from now; whether it exists.
@@ -47,7 +78,7 @@ pub(super) async fn uploaded_again(
 }
 
 /// When the latest case, layer or finding was written; `None` if there is none.
-pub(super) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
+pub(crate) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
     let row = connection
         .fetch_one(
             "SELECT max(at) AS newest FROM

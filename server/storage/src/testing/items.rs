@@ -8,9 +8,11 @@ use case::JobKind;
 use case::{CaseId, ObjectKind, Parameters};
 
 use super::name;
-#[cfg(test)]
-use crate::Claim;
 use crate::rows::{NewCase, Pinned};
+#[cfg(test)]
+use crate::tables::jobs;
+#[cfg(test)]
+use crate::{CaseChange, Claim, Job};
 use crate::{ObjectName, Store};
 
 /// Objects pinned for an hour.
@@ -38,6 +40,40 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
         queue_limit: 100,
         client: String::new(),
     }
+}
+
+/// The number of jobs of a kind that wait for a lease.
+#[cfg(test)]
+pub(crate) async fn waiting(store: &Store, kind: JobKind) -> u64 {
+    let counts = store.row_counts().await.unwrap().by_state.into_iter();
+    let mut jobs = counts.filter(|(what, ..)| what == "jobs");
+    let waiting = jobs.find(|(_, of, state, _)| of == kind.name() && state == "queued");
+    waiting.map_or(0, |(.., count)| count)
+}
+
+#[cfg(test)]
+pub(crate) async fn job(store: &Store, id: &str) -> Option<Job> {
+    let mut connection = store.connect().await.unwrap();
+    jobs::one(&mut connection, id).await.unwrap()
+}
+
+#[cfg(test)]
+pub(crate) async fn rename(store: &Store, id: &CaseId, name: &str) {
+    let change = CaseChange {
+        name: Some(name.to_owned()),
+        kept: None,
+    };
+    store.change_case(id, &change).await.unwrap();
+}
+
+/// Keeps a case for good, or no longer; whether it exists.
+#[cfg(test)]
+pub(crate) async fn keep(store: &Store, id: &CaseId, kept: bool) -> bool {
+    let change = CaseChange {
+        name: None,
+        kept: Some(kept),
+    };
+    store.change_case(id, &change).await.unwrap()
 }
 
 /// Leases a preparation for 30 s; it fails at its fourth attempt.

@@ -13,8 +13,8 @@ use case::{
 };
 
 #[cfg(test)]
-pub(crate) use self::items::{claim, new_case, pinned};
-use super::{ObjectName, Store};
+pub(crate) use self::items::{claim, job, keep, new_case, pinned, rename, waiting};
+use super::{CaseQuery, ObjectName, Store};
 
 /// The facts of a case, made up.
 pub fn facts() -> CaseFacts {
@@ -122,8 +122,13 @@ pub fn objects_below(folder: &Path) -> Vec<PathBuf> {
 pub async fn assert_nothing_left_over(store: &Store, root: &Path) {
     assert_eq!(files_below(&root.join("uploads")), Vec::<PathBuf>::new());
     let mut needed = Vec::new();
-    for case in store.cases(None, 1000).await.unwrap().cases {
-        for name in store.objects_of(&case.id).await.unwrap() {
+    for case in store
+        .cases(&CaseQuery::default(), None, 1000)
+        .await
+        .unwrap()
+        .cases
+    {
+        for name in store.all_objects_of(&case.id).await.unwrap() {
             needed.push(root.join("objects").join(name.path().as_ref()));
         }
     }

@@ -52,7 +52,7 @@ pub async fn delete(store: &Store, name: &ObjectName) -> Result<(), StoreError> 
 /// # Errors
 /// If the rows cannot be written.
 pub async fn delete_rows(store: &Store, id: &CaseId) -> Result<bool, StoreError> {
-    store.delete_case(id).await
+    store.delete_rows(id).await
 }
 
 /// Ends every lease and pin, as a process does that is alone.

@@ -2,6 +2,7 @@
 
 use crate::NewJob;
 use crate::conformance::Subject;
+use crate::testing::job;
 use case::{JobKind, JobState};
 
 const MAX_ATTEMPTS: u32 = 5;
@@ -24,9 +25,9 @@ async fn a_job_of_any_kind_whose_worker_dies_each_time_fails() {
     let subject = Subject::in_memory().await;
     let store = &subject.store;
     let new = NewJob::new(FETCH, "a series");
-    let job = store.enqueue(&new).await.unwrap().unwrap();
+    let queued = store.enqueue(&new).await.unwrap().unwrap();
     let attempts = die_each_time(&subject, FETCH).await;
-    let job = store.job(&job.id).await.unwrap().unwrap();
+    let job = job(store, &queued.id).await.unwrap();
     assert_eq!((job.state, job.attempts), (JobState::Failed, 5));
     let words = job.failure.unwrap().detail;
     assert!(words.contains(&format!("{attempts} attempts")), "{words}");

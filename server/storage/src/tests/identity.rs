@@ -12,12 +12,20 @@ fn location(folder: &Path) -> Location {
     Location::from(folder)
 }
 
-async fn open(location: &Location, create: bool) -> Result<Store, StoreError> {
+async fn open_by(location: &Location, opening: Opening) -> Result<Store, StoreError> {
     let options = Options {
-        create,
+        opening,
         ..Options::default()
     };
-    Store::open_at(location, options).await
+    Store::open(location.clone(), options).await
+}
+
+async fn open(location: &Location, may_make: bool) -> Result<Store, StoreError> {
+    let opening = match may_make {
+        true => Opening::OrMake,
+        false => Opening::Existing,
+    };
+    open_by(location, opening).await
 }
 
 /// Makes a store; its id.
@@ -170,6 +178,7 @@ async fn a_pair_that_was_half_made_is_completed_once_and_by_whoever_may_make_one
     Rows::sqlite(&file, Arc::new(()))
         .await
         .unwrap()
+        .database
         .close()
         .await;
     let refused = mismatch(open(&location(&folder), false).await);
@@ -177,7 +186,7 @@ async fn a_pair_that_was_half_made_is_completed_once_and_by_whoever_may_make_one
     let rows = Rows::sqlite(&file, Arc::new(())).await.unwrap();
     let id = rows.make_store_id(StoreId::new()).await.unwrap();
     assert_eq!(rows.make_store_id(StoreId::new()).await.unwrap(), id);
-    rows.close().await;
+    rows.database.close().await;
     let refused = mismatch(open(&location(&folder), false).await);
     assert_eq!((refused.rows, refused.objects), (Some(id), Label::Missing));
     // Files that are not of a store belong to somebody.
@@ -250,9 +259,7 @@ async fn a_copy_keeps_the_id_until_it_gets_its_own_and_an_interruption_is_made_g
     for name in ["rows.sqlite", "objects/store-id"] {
         std::fs::copy(original.join(name), copy.join(name)).unwrap();
     }
-    let store = Store::open_with_new_id(&location(&copy), Options::default())
-        .await
-        .unwrap();
+    let store = open_by(&location(&copy), Opening::WithNewId).await.unwrap();
     let second = store.id().await.unwrap();
     assert_ne!(second, id);
     store.close().await;
@@ -262,7 +269,7 @@ async fn a_copy_keeps_the_id_until_it_gets_its_own_and_an_interruption_is_made_g
         ..location(&copy)
     };
     mismatch(open(&crossed, true).await);
-    mismatch(Store::open_with_new_id(&crossed, Options::default()).await);
+    mismatch(open_by(&crossed, Opening::WithNewId).await);
     assert_eq!(made(&location(&original)).await, id);
     // Killed after the object, and after the row.
     let label = copy.join("objects/store-id");
@@ -274,9 +281,7 @@ async fn a_copy_keeps_the_id_until_it_gets_its_own_and_an_interruption_is_made_g
     std::fs::write(&label, changing.text()).unwrap();
     let found = mismatch(open(&location(&copy), true).await);
     assert_eq!((found.rows, found.objects), (Some(second), changing));
-    let store = Store::open_with_new_id(&location(&copy), Options::default())
-        .await
-        .unwrap();
+    let store = open_by(&location(&copy), Opening::WithNewId).await.unwrap();
     assert_eq!(store.id().await.unwrap(), third);
     store.close().await;
     let changing = Label::Changing {
@@ -409,7 +414,7 @@ async fn a_database_and_a_bucket_become_one_store_and_what_is_away_is_not_missin
         away.cause()
     );
     // The pool names the same cause, and not only that it waited.
-    let away = rows.check().await.unwrap_err();
+    let away = rows.database.check().await.unwrap_err();
     assert!(
         away.is_away() && !away.cause().contains("pool"),
         "{}",

@@ -20,7 +20,7 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
     later().await;
     let failed = submit(&store, "bad").await.unwrap().case.id;
     let claimed = claim(&store).await.unwrap();
-    assert!(store.fail(&claimed, &failure()).await.unwrap());
+    assert!(store.finish(&claimed, Err(&failure())).await.unwrap());
     let version = Version {
         of,
         mask: NewMask::Kept,
@@ -32,7 +32,7 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
 }
 
 async fn object(store: &Store, id: &CaseId, kind: ObjectKind) -> ObjectName {
-    let names = store.case_objects(id).await.unwrap();
+    let names = store.objects_of(id).await.unwrap();
     *names.iter().find(|name| name.kind == kind).unwrap()
 }
 
@@ -104,7 +104,7 @@ async fn an_inspection_turns_the_pages() {
             ..Parameters::default()
         };
         let upload = upload(&store, "volume", None).await;
-        store.submit_upload(upload, parameters).await.unwrap();
+        store.submit(upload, parameters, None).await.unwrap();
     }
     let (inspected, findings) = inspected(&store).await;
     assert_eq!((inspected.cases, inspected.objects), (230, 460));
@@ -149,7 +149,7 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
         assert_eq!(findings, from.findings(id).await.unwrap());
     }
     assert_eq!(
-        to.waiting(JobKind::PREPARE).await.unwrap(),
+        waiting(&to, JobKind::PREPARE).await,
         1,
         "the version is prepared there"
     );
@@ -225,11 +225,11 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
             images: Vec::new(),
         };
         store
-            .submit_upload(upload, Parameters::default())
+            .submit(upload, Parameters::default(), None)
             .await
             .unwrap();
         let claimed = claim(&store).await.unwrap();
-        assert!(store.fail(&claimed, &failure()).await.unwrap());
+        assert!(store.finish(&claimed, Err(&failure())).await.unwrap());
     }
     let found = store.unreferenced().await.unwrap();
     assert!(!found.is_newer_than_rows && !found.is_much(), "{found:?}");
@@ -266,17 +266,17 @@ async fn a_case_that_failed_though_its_sources_are_whole_is_named_and_prepared_a
     assert_eq!(findings.len(), 2);
     for id in [whole, lost] {
         assert!(findings.contains(&Defect::FailedThoughWhole(id)));
-        assert!(store.prepare_failed_again(&id).await.unwrap());
-        assert!(!store.prepare_failed_again(&id).await.unwrap());
+        assert!(store.prepare_again(&id, CaseState::Failed).await.unwrap());
+        assert!(!store.prepare_again(&id, CaseState::Failed).await.unwrap());
         let case = store.case(&id).await.unwrap().unwrap();
         assert_eq!((case.state, case.failure), (CaseState::Queued, None));
     }
-    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 2);
+    assert_eq!(waiting(&store, JobKind::PREPARE).await, 2);
     assert_eq!(inspected(&store).await.1, []);
     // Another failure is what the input is like.
     for _ in 0..2 {
         let claimed = claim(&store).await.unwrap();
-        assert!(store.fail(&claimed, &failure()).await.unwrap());
+        assert!(store.finish(&claimed, Err(&failure())).await.unwrap());
     }
     assert_eq!(inspected(&store).await.1, []);
 }

@@ -18,8 +18,12 @@ async fn a_worker_without_its_lease_publishes_nothing() {
     assert!(store.release(&claim, &handed_back).await.unwrap());
     let objects = vec![(ObjectKind::Volume, Bytes::from_static(b"volume"))];
     let framed = frame_all(objects).await.unwrap();
-    for publisher in [Publisher::Worker(&claim, &[]), Publisher::Rebuild(&id)] {
-        let published = store.publish(publisher, &framed, &facts()).await;
+    let facts = facts();
+    for publisher in [
+        Publisher::Case(&claim, &facts, &[]),
+        Publisher::Ready((&id).into()),
+    ] {
+        let published = store.publish(publisher, &framed).await;
         assert_eq!(published.unwrap(), Published::Fenced, "{publisher:?}");
         let case = store.case(&id).await.unwrap().unwrap();
         assert_eq!((case.state, case.facts), (CaseState::Queued, None));
@@ -35,7 +39,7 @@ async fn rebuilds_of_a_case_come_one_after_another() {
     let active = AtomicUsize::new(0);
     let rebuild = async || {
         assert_eq!(active.fetch_add(1, Ordering::SeqCst), 0, "one at a time");
-        let job = NewJob::of_ready_case(JobKind::REBUILD, &id);
+        let job = NewJob::about(JobKind::REBUILD, &id);
         let taken = store.enqueue_and_claim(&job, 30).await.unwrap();
         assert!(taken.is_none(), "nobody else gets the job: {taken:?}");
         active.fetch_sub(1, Ordering::SeqCst);
@@ -66,7 +70,7 @@ async fn lost_attributes_are_an_error_and_not_a_case_without_any() {
         dicom: Some(store.spool_all("whose".into()).await.unwrap()),
         ..upload(&store, "volume", None).await
     };
-    let submitted = store.submit_upload(dicom, Parameters::default()).await;
+    let submitted = store.submit(dicom, Parameters::default(), None).await;
     let id = submitted.unwrap().case.id;
     let folder = directory.path().join("objects/source-dicom");
     let [file] = &files_below(&folder)[..] else {
@@ -75,5 +79,5 @@ async fn lost_attributes_are_an_error_and_not_a_case_without_any() {
     std::fs::write(file, b"damaged").unwrap();
     let lost = store.source_dicom(&id).await.unwrap_err();
     assert!(matches!(lost, StoreError::Objects(_)), "{lost:?}");
-    assert_eq!(store.counters().bad_objects, 1);
+    assert_eq!(store.signals().counters().bad_objects, 1);
 }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::frame;
 use crate::rows::{NewCase, Referred};
-use crate::testing::{name, pinned};
+use crate::testing::{keep, name, pinned};
 
 /// A store with rows in memory, on objects in a directory.
 async fn movable(directory: &TempDir) -> Store {
@@ -23,7 +23,7 @@ async fn a_removal_that_fails_is_finished_after_its_lease() {
     let directory = tempfile::tempdir().unwrap();
     let store = movable(&directory).await;
     let id = submit(&store, "volume").await.unwrap().case.id;
-    let object = store.case_objects(&id).await.unwrap()[0];
+    let object = store.objects_of(&id).await.unwrap()[0];
     let file = directory.path().join(object.path().as_ref());
     // A folder in its place cannot be removed like a file.
     std::fs::remove_file(&file).unwrap();
@@ -82,7 +82,7 @@ async fn what_the_rows_do_not_know_stays_when_a_store_is_opened() {
 async fn only_what_is_still_unneeded_is_removed() {
     let store = Store::in_memory(Options::default()).await.unwrap();
     let id = submit(&store, "volume").await.unwrap().case.id;
-    let needed = store.case_objects(&id).await.unwrap()[0];
+    let needed = store.objects_of(&id).await.unwrap()[0];
     let [held, stray] = [put(&store, "held").await, put(&store, "stray").await];
     let _held = pinned(&store, &[held]).await;
     let names = [needed, held, stray];
@@ -109,12 +109,12 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     for name in ["one", "kept"] {
         ids.push(submit(&store, name).await.unwrap().case.id);
         let claim = crate::testing::claim(&store).await.unwrap();
-        assert!(store.fail(&claim, &failure).await.unwrap());
+        assert!(store.finish(&claim, Err(&failure)).await.unwrap());
     }
     let [one, kept] = [ids[0], ids[1]];
     let case = store.case(&one).await.unwrap().unwrap();
     assert_eq!(case.expires_at, Some(case.created_at + day));
-    assert!(store.keep(&kept, true).await.unwrap());
+    assert!(keep(&store, &kept, true).await);
     let case = store.case(&kept).await.unwrap().unwrap();
     assert_eq!((case.kept, case.expires_at), (true, None));
     let forgotten = Arc::new(Mutex::new(Vec::new()));
@@ -134,9 +134,13 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     };
     assert_eq!(removed(true).await, one_removed);
     assert_eq!(*forgotten.lock().unwrap(), [one]);
-    let left = store.cases(None, 10).await.unwrap().cases;
+    let left = store
+        .cases(&CaseQuery::default(), None, 10)
+        .await
+        .unwrap()
+        .cases;
     assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);
-    let needed = store.case_objects(&kept).await.unwrap().len();
+    let needed = store.objects_of(&kept).await.unwrap().len();
     assert_eq!(objects_below(directory.path()).len(), needed);
 }
 
@@ -182,7 +186,7 @@ impl Kept {
         for name in names {
             submit(&self.store, name).await.unwrap();
             let claim = crate::testing::claim(&self.store).await.unwrap();
-            assert!(self.store.fail(&claim, &failure()).await.unwrap());
+            assert!(self.store.finish(&claim, Err(&failure())).await.unwrap());
         }
     }
 
@@ -205,14 +209,14 @@ async fn a_clock_that_is_far_ahead_removes_nothing_until_somebody_says_that_it_i
     let kept = Kept::new().await;
     kept.add(["a", "b", "c", "d", "e", "f"]).await;
     kept.pass(400 * DAY);
-    assert_eq!(kept.store.expired_count().await.unwrap(), 6);
+    assert_eq!(kept.store.row_counts().await.unwrap().expired, 6);
     let waits = (0, Some(Waiting::Clock));
     for removal in [Removal::Automatic, Removal::Asked, Removal::Automatic] {
         assert_eq!(kept.removed(removal).await, waits);
         kept.pass(HOUR);
     }
     assert_eq!(kept.removed(Removal::Confirmed).await, (6, None));
-    assert_eq!(kept.store.expired_count().await.unwrap(), 0);
+    assert_eq!(kept.store.row_counts().await.unwrap().expired, 0);
 }
 
 #[tokio::test]
@@ -234,7 +238,7 @@ async fn a_process_removes_nothing_by_itself_in_its_first_hour_and_a_person_may(
         kept.pass(5 * DAY);
         kept.removed(Removal::Automatic).await;
     }
-    assert_eq!(kept.store.expired_count().await.unwrap(), 0);
+    assert_eq!(kept.store.row_counts().await.unwrap().expired, 0);
 }
 
 #[tokio::test]
@@ -254,13 +258,13 @@ async fn twice_as_many_cases_go_in_a_day_as_came_on_one() {
     assert_eq!(kept.removed(Removal::Automatic).await, (6, None));
     // The others become too old at once: the clock is a few days ahead.
     kept.pass(5 * DAY);
-    assert_eq!(kept.store.expired_count().await.unwrap(), 18);
+    assert_eq!(kept.store.row_counts().await.unwrap().expired, 18);
     let waits = Some(Waiting::Day);
     assert_eq!(kept.removed(Removal::Automatic).await, (12, waits));
     for removal in [Removal::Automatic, Removal::Asked] {
         assert_eq!(kept.removed(removal).await, (0, waits));
     }
-    assert_eq!(kept.store.expired_count().await.unwrap(), 6);
+    assert_eq!(kept.store.row_counts().await.unwrap().expired, 6);
     kept.pass(DAY);
     assert_eq!(kept.removed(Removal::Automatic).await, (6, None));
 }

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use case::{CaseState, Parameters};
 use imaging::Limits;
 use storage::testing::{assert_nothing_left_over, files_below};
-use storage::{NewMask, Options, Store, StoreError, Version};
+use storage::{CaseQuery, NewMask, Options, Store, StoreError, Version};
 
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::start_workers;
@@ -54,7 +54,13 @@ async fn twenty_identical_uploads_at_once_are_one_case_and_one_preparation() {
     workers.shut_down(GRACE).await;
     assert_eq!(fake.run_count(), 1);
     assert_eq!(
-        library.store().cases(None, 10).await.unwrap().cases.len(),
+        library
+            .store()
+            .cases(&CaseQuery::default(), None, 10)
+            .await
+            .unwrap()
+            .cases
+            .len(),
         1
     );
     assert_nothing_left_over(library.store(), directory.path()).await;
@@ -67,7 +73,7 @@ async fn a_full_queue_refuses_and_leaves_nothing() {
         queue_limit: 1,
         ..options()
     };
-    let opened = Store::open_with(directory.path(), options).await.unwrap();
+    let opened = Store::open(directory.path(), options).await.unwrap();
     let library = library_on(opened, &fake);
     submit(&library, "first").await;
     let refused = library
@@ -86,7 +92,7 @@ async fn a_preparation_that_takes_too_long_fails_and_the_next_one_is_begun() {
         longest_preparation: Duration::from_millis(300),
         ..options()
     };
-    let opened = Store::open_with(directory.path(), options).await.unwrap();
+    let opened = Store::open(directory.path(), options).await.unwrap();
     let library = library_on(opened, &fake);
     let workers = start_workers(library.clone(), 1);
     fake.hold(true);
@@ -105,7 +111,7 @@ async fn preparations_wait_until_there_is_memory_for_their_processes() {
     for (processes, is_apart, most) in [(1, true, 1), (2, true, 2), (1, false, 2)] {
         let fake = Arc::<Fake>::default();
         let folder = directory.path().join(format!("{processes}-{is_apart}"));
-        let store = Store::open_with(&folder, options()).await.unwrap();
+        let store = Store::open(&folder, options()).await.unwrap();
         let preparation = Preparation {
             is_apart,
             ..fake.preparation()
@@ -184,7 +190,7 @@ async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
     let id = submit(&library, "panic").await.id;
     let case = settled(&library, &id).await.unwrap();
     assert_eq!(case.failure.unwrap().name, "preparation-crashed");
-    assert_eq!(library.store().counters().failed, 3);
+    assert_eq!(library.store().signals().counters().failed, 3);
     workers.shut_down(GRACE).await;
 }
 

@@ -9,6 +9,7 @@ use case::{
 };
 use pipeline::Source;
 use pipeline::testing::{nifti, phantom, upload};
+use storage::tables::jobs;
 use storage::testing::assert_nothing_left_over;
 use storage::{LayerName, LayerUpload, Store, StoreError};
 use tempfile::TempDir;
@@ -47,9 +48,12 @@ async fn a_damaged_derived_object_of_any_kind_is_made_again() {
             "{kind:?}, way {round}"
         );
         assert_eq!(fake.run_count(), round + 2);
-        assert_eq!(library.store().counters().rebuilds, round as u64 + 1);
+        assert_eq!(
+            library.store().signals().counters().rebuilds,
+            round as u64 + 1
+        );
     }
-    assert!(library.store().counters().bad_objects >= 24);
+    assert!(library.store().signals().counters().bad_objects >= 24);
     assert_nothing_left_over(library.store(), directory.path()).await;
 }
 
@@ -182,7 +186,7 @@ async fn a_source_that_is_away_is_an_answer_and_the_case_stays_as_it_is() {
         for seen in 1..=2 {
             assert!(is_source_missing(&library, &id).await, "{away}");
             assert_eq!(state(&library, &id).await, CaseState::Ready);
-            assert_eq!(library.store().counters().missing_sources, seen);
+            assert_eq!(library.store().signals().counters().missing_sources, seen);
         }
         if there.exists() {
             std::fs::remove_dir_all(&there).unwrap();
@@ -217,7 +221,12 @@ async fn a_preparation_waits_for_its_source_and_no_attempt_is_used_up() {
     let [there, moved] = ["objects/source-volume", "moved"].map(|name| directory.path().join(name));
     std::fs::rename(&there, &moved).unwrap();
     let job = async || {
-        let job = store.latest_job(JobKind::PREPARE, &id.to_string()).await;
+        let job = jobs::latest(
+            &mut store.connect().await.unwrap(),
+            JobKind::PREPARE,
+            &id.to_string(),
+        )
+        .await;
         job.unwrap().unwrap()
     };
     // More often than a job may be tried.
@@ -245,7 +254,7 @@ async fn layer(library: &Library, case: &CaseId, id: &LayerId) -> Layer {
 #[tokio::test]
 async fn a_layer_waits_for_its_source_and_one_that_is_ready_stays_so() {
     let directory = tempfile::tempdir().unwrap();
-    let store = Store::open_with(directory.path(), options()).await;
+    let store = Store::open(directory.path(), options()).await;
     let library = Library::of(store.unwrap());
     let submitted = library.submit(upload(&phantom()), Parameters::default());
     let case = submitted.await.unwrap().case.id;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use case::{CaseState, JobKind, ObjectKind};
 use storage::testing::{assert_nothing_left_over, facts, steps};
-use storage::{ObjectName, Publisher, frame_all};
+use storage::{CaseQuery, ObjectName, Publisher, frame_all};
 use tempfile::TempDir;
 
 use super::{GRACE, expected, load, open};
@@ -69,7 +69,7 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     }
     library
         .store()
-        .publish(Publisher::Worker(&claim, &[]), &framed, &facts())
+        .publish(Publisher::Case(&claim, &facts(), &[]), &framed)
         .await
         .unwrap();
     if step == 7 {
@@ -108,7 +108,12 @@ async fn a_kill_at_any_step_leaves_nothing_half_there() {
         killed_before(step, &directory, &fake).await;
         let library = open(&directory, &fake).await;
         assert_nothing_left_over(library.store(), directory.path()).await;
-        let cases = library.store().cases(None, 10).await.unwrap().cases;
+        let cases = library
+            .store()
+            .cases(&CaseQuery::default(), None, 10)
+            .await
+            .unwrap()
+            .cases;
         assert_eq!(
             cases.len(),
             usize::from((3..=7).contains(&step)),

@@ -23,7 +23,7 @@ use crate::testing::{Fake, fake_objects, library_on, options, settled_state, sub
 const GRACE: Duration = Duration::from_secs(20);
 
 async fn open(directory: &TempDir, fake: &Arc<Fake>) -> Library {
-    let store = Store::open_with(directory.path(), options()).await;
+    let store = Store::open(directory.path(), options()).await;
     library_on(store.unwrap(), fake)
 }
 

@@ -91,7 +91,7 @@ async fn a_worker_that_lost_its_lease_publishes_nothing() {
         heartbeat: Duration::from_secs(3600),
         ..options()
     };
-    let opened = Store::open_with(directory.path(), options).await;
+    let opened = Store::open(directory.path(), options).await;
     let library = library_on(opened.unwrap(), &fake);
     fake.hold(true);
     let asleep = start_workers(library.clone(), 1);
@@ -107,6 +107,6 @@ async fn a_worker_that_lost_its_lease_publishes_nothing() {
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
     asleep.shut_down(GRACE).await;
     awake.shut_down(GRACE).await;
-    assert_eq!(library.store().counters().prepared, 1);
+    assert_eq!(library.store().signals().counters().prepared, 1);
     assert_nothing_left_over(library.store(), directory.path()).await;
 }

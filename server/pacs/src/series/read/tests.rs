@@ -11,6 +11,7 @@ use cases::dicom::Rejection;
 use cases::testing::application;
 use proptest::prelude::*;
 use storage::Made;
+use storage::tables::made;
 
 use super::*;
 use crate::series::tests::with_tables;
@@ -226,7 +227,7 @@ struct World {
 }
 
 async fn open(place: &Path, folder: &Path) -> Arrivals {
-    let store = Store::open_with(place, with_tables());
+    let store = Store::open(place, with_tables());
     Arrivals::new(application(store.await.unwrap(), &copy_from(folder)))
 }
 
@@ -415,13 +416,19 @@ impl World {
         CaseId::parse(case)
     }
 
+    async fn images_of(&self, case: &CaseId, layer: &LayerId) -> Vec<Image> {
+        let mut connection = self.store().connect().await.unwrap();
+        let of = made::of(&mut connection, &Made::layer(case, layer)).await;
+        of.unwrap()
+    }
+
     async fn ask(&mut self, case: CaseId) {
         let number = self.results.len();
         let file = Bytes::from(format!("result {number}"));
         let (mut layers, mut made_of) = (Vec::new(), Vec::new());
         for layer in self.store().layers(&case).await.unwrap() {
-            let of = self.store().made_of(&Made::layer(&case, &layer.id)).await;
-            made_of.push(of.unwrap().iter().map(known).collect());
+            let of = self.images_of(&case, &layer.id).await;
+            made_of.push(of.iter().map(known).collect());
             layers.push(layer.id);
         }
         let instance = uid(&format!("2.25.{}", 10 + number));
@@ -453,7 +460,7 @@ impl World {
         for made_of in layers {
             assert_eq!(self.fold.closed(made_of), None, "it shows a closed layer");
         }
-        assert!(self.store().finish(&claim).await.unwrap());
+        assert!(self.store().finish(&claim, Ok(())).await.unwrap());
         true
     }
 
@@ -563,11 +570,7 @@ impl World {
             assert_eq!(held.closed, self.fold.closed(made), "{case} of {made:?}");
             assert_eq!(self.store().closed(&case).await.unwrap(), held.closed);
             for layer in self.store().layers(&case).await.unwrap() {
-                let of = self
-                    .store()
-                    .made_of(&Made::layer(&case, &layer.id))
-                    .await
-                    .unwrap();
+                let of = self.images_of(&case, &layer.id).await;
                 let of = of.iter().map(known);
                 assert_eq!(layer.closed, self.fold.closed(&of.collect()));
             }

@@ -10,7 +10,7 @@ use cases::dicom::Rejection;
 use storage::tables::Referred;
 use storage::testing::failure;
 use storage::testing::steps::{self, delete_rows, insert_case, pinned, unneeded};
-use storage::{Claim, ListCursor, ObjectName, Release};
+use storage::{Claim, Cursor, ObjectName, Release};
 
 use super::Subject;
 use crate::store::PacsStore;
@@ -747,7 +747,7 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
         subject.pass(1);
     }
     let mut seen = Vec::new();
-    let mut after: Option<ListCursor> = None;
+    let mut after: Option<Cursor> = None;
     loop {
         let (page, next) = store
             .arrivals(&ArrivalQuery::default(), after.as_ref(), 2)
@@ -756,7 +756,7 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
         assert!(page.len() <= 2);
         seen.extend(page.into_iter().map(|arrival| arrival.uids));
         let Some(next) = next else { break };
-        after = ListCursor::parse(&next.to_string());
+        after = Cursor::parse(&next.to_string());
         assert!(after.is_some());
         assert_eq!(store.arrival(&next.id).await.unwrap().unwrap().id, next.id);
     }

@@ -23,7 +23,6 @@ pub(crate) struct Subject {
 
 fn options() -> Options {
     Options {
-        create: true,
         tables: Arc::new(PacsTables),
         ..Options::default()
     }
@@ -31,7 +30,7 @@ fn options() -> Options {
 
 /// The store in a folder.
 pub(crate) async fn open(folder: &Path) -> PacsStore {
-    PacsStore::new(Store::open_with(folder, options()).await.unwrap())
+    PacsStore::new(Store::open(folder, options()).await.unwrap())
 }
 
 impl Subject {
@@ -53,7 +52,7 @@ impl Subject {
             database,
             ..folder.path().into()
         };
-        let store = Store::open_at(&location, options()).await;
+        let store = Store::open(location, options()).await;
         Self {
             store: PacsStore::new(store.unwrap()),
             _folder: Some(folder),

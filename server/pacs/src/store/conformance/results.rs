@@ -5,12 +5,12 @@ use std::time::Duration;
 use case::images::{Fingerprint, Image};
 use case::series::{SeriesUids, Uid};
 use case::{CaseId, Closed, JobState, LayerId, LayerParameters, ObjectKind};
-use storage::tables::Referred;
+use storage::tables::{Referred, made};
 use storage::testing::failure;
 use storage::testing::steps::{
     delete_rows, insert_case, mark, objects_of_tables, pinned, unneeded, unpin,
 };
-use storage::{Claim, LayerName, LayerUpload, ListCursor, Made, ObjectName, StoreError};
+use storage::{Claim, Cursor, LayerName, LayerUpload, Made, ObjectName, StoreError};
 
 use super::Subject;
 use crate::store::PacsStore;
@@ -106,7 +106,7 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
     let leased = claim(store).await.unwrap();
     assert_eq!((&leased.key, leased.attempt), (&first.id, 1));
     assert_eq!(state(store, &first).await, JobState::Running);
-    assert!(store.fail(&leased, &failure()).await.unwrap());
+    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
     let seen = store.result(&first.id).await.unwrap().unwrap();
     let job = seen.job.unwrap();
     assert_eq!(
@@ -128,7 +128,7 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     let [one, other] = ["pacs", "other"].map(|node| new_result(case, node, "one"));
     let sent = queue(store, &one).await;
     let leased = claim(store).await.unwrap();
-    assert!(store.finish(&leased).await.unwrap());
+    assert!(store.finish(&leased, Ok(())).await.unwrap());
     queue(store, &other).await;
     // It is there once, though it goes to two nodes.
     let of_study = store.results_of(&uid("1.2.3")).await.unwrap();
@@ -165,7 +165,7 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
         ids.push(queue(store, &new_result(case, node, "one")).await.id);
     }
     ids.reverse();
-    let list = async |query: &TransferQuery, after: Option<&ListCursor>, limit| {
+    let list = async |query: &TransferQuery, after: Option<&Cursor>, limit| {
         let (page, next) = store.results(query, after, limit).await.unwrap();
         let ids: Vec<_> = page.into_iter().map(|result| result.id).collect();
         (ids, next)
@@ -212,7 +212,7 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
     let sent = queue(store, &of("pacs", vec![layer])).await;
     for _ in 0..2 {
         let leased = claim(store).await.unwrap();
-        assert!(store.finish(&leased).await.unwrap());
+        assert!(store.finish(&leased, Ok(())).await.unwrap());
     }
     let waiting = queue(store, &of("other", vec![layer])).await;
     let note = NewResult {
@@ -240,7 +240,7 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
     // It has failed for good when it would be sent; a rejection note leaves all the same.
     let leased = claim(store).await.unwrap();
     assert_eq!(leased.key, note.id);
-    assert!(store.finish(&leased).await.unwrap());
+    assert!(store.finish(&leased, Ok(())).await.unwrap());
     assert!(claim(store).await.is_none());
     let failed = store
         .result(&waiting.id)
@@ -254,10 +254,11 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
         (JobState::Failed, "closed")
     );
     // It is known of which images the layer was made, also when that is gone.
-    assert!(store.delete_layer(&case, &layer).await.unwrap());
+    assert!(store.delete((&case, &layer)).await.unwrap());
     assert!(!is_valid(&sent).await);
-    let made_of = store.made_of(&Made::result(&case, &sent.id)).await.unwrap();
-    assert_eq!(made_of, [image("one")]);
+    let made = Made::result(&case, &sent.id);
+    let made_of = made::of(&mut store.connect().await.unwrap(), &made).await;
+    assert_eq!(made_of.unwrap(), [image("one")]);
     // What shows a layer that is gone by now is not queued.
     let late = NewResult {
         instance: uid("1.2.99"),

@@ -1,10 +1,11 @@
-//! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
+//! What a query finds: heads, and series that make no case (yet), which can belong to another patient.
 
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseState, Closed, Failure};
 use cases::{Error, Patient};
 use serde_json::Value;
 use storage::ObjectName;
+use storage::tables::series::cases_of;
 
 use super::{Arrivals, Head};
 use crate::values::{
@@ -16,16 +17,16 @@ const MIXED_PATIENTS: &str = "dicom-mixed-patients";
 
 /// What a query finds.
 #[derive(Debug, Default)]
-pub(crate) struct Fitting {
+pub(crate) struct Matches {
     /// The cases, as [`Arrivals::heads`].
     pub(crate) heads: Vec<Head>,
     /// The series that make no case.
-    pub(crate) others: Vec<Other>,
+    pub(crate) without_case: Vec<SeriesWithoutCase>,
 }
 
 /// A series that makes no case.
 #[derive(Debug)]
-pub(crate) struct Other {
+pub(crate) struct SeriesWithoutCase {
     /// The series and its study.
     pub(crate) uids: SeriesUids,
     /// The accession number of its study.
@@ -40,7 +41,7 @@ pub(crate) struct Other {
     pub(crate) patient: Option<Patient>,
 }
 
-impl Other {
+impl SeriesWithoutCase {
     /// The word for what has become of it, in answers.
     pub(crate) fn word(&self) -> &'static str {
         let reason = self.reason.as_ref();
@@ -61,7 +62,7 @@ impl Other {
     }
 }
 
-impl Fitting {
+impl Matches {
     /// Whether the query does not tell which patient is meant, or which study: its cases are of several ones, or something that
     /// makes no case is of another patient.
     pub(crate) fn is_ambiguous(&self) -> bool {
@@ -82,9 +83,9 @@ impl Fitting {
     }
 
     /// The series that make no case and are of another patient than the first head.
-    pub(crate) fn of_another(&self) -> impl Iterator<Item = &Other> {
+    pub(crate) fn of_another(&self) -> impl Iterator<Item = &SeriesWithoutCase> {
         let first = self.heads.first();
-        let others = self.others.iter();
+        let others = self.without_case.iter();
         others.filter(move |other| first.is_some_and(|first| other.is_of_another(first)))
     }
 }
@@ -95,7 +96,7 @@ impl Arrivals {
     ///
     /// # Errors
     /// If the rows or the patient of an image cannot be read.
-    pub(crate) async fn fitting(&self, query: &SeriesQuery) -> Result<Fitting, Error> {
+    pub(crate) async fn matches(&self, query: &SeriesQuery) -> Result<Matches, Error> {
         let heads = self.heads(query).await?;
         let heads_of = |uids: SeriesUids| heads.iter().filter(move |head| head.series.uids == uids);
         // An upload may have the UIDs of a series of another patient. One whose patient is not known counts as of the same.
@@ -116,11 +117,12 @@ impl Arrivals {
         }
         let patients = self.patients_of_series(&telling).await?;
         let others = telling.iter().zip(patients);
-        let others = others.flat_map(|(arrival, patients)| others_of(arrival, patients));
-        let is_other = |other: &Other| !is_head(&other.uids, other.patient.as_ref());
-        let mut others: Vec<_> = others.filter(is_other).collect();
+        let others = others.flat_map(|(arrival, patients)| without_case_of(arrival, patients));
+        let is_other = |other: &SeriesWithoutCase| !is_head(&other.uids, other.patient.as_ref());
+        let mut without_case: Vec<_> = others.filter(is_other).collect();
         // Arrivals are forgotten before their cases. What was corrected says nothing any more, nor what the series has a head instead of.
-        for series in self.store().cases_of(query).await? {
+        let cases = cases_of(&mut self.store().connect().await?, query).await?;
+        for series in cases {
             let case = self.store().case(&series.case).await?;
             if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
                 continue;
@@ -130,10 +132,12 @@ impl Arrivals {
             if heads_of(series.uids.clone()).next().is_some() {
                 continue;
             }
-            let known = others.iter_mut().find(|other| other.uids == series.uids);
+            let known = without_case
+                .iter_mut()
+                .find(|other| other.uids == series.uids);
             match known {
                 Some(other) => other.patient = other.patient.take().or(patient),
-                None => others.push(Other {
+                None => without_case.push(SeriesWithoutCase {
                     uids: series.uids,
                     accession_number: series.accession_number,
                     label: None,
@@ -143,7 +147,10 @@ impl Arrivals {
                 }),
             }
         }
-        Ok(Fitting { heads, others })
+        Ok(Matches {
+            heads,
+            without_case,
+        })
     }
 
     /// The patients of each of these series, in its images. There may be hundreds of series, so all images are read at once.
@@ -181,7 +188,8 @@ impl Arrivals {
         telling.retain(says_something);
         let patients = self.patients_of_series(&telling).await?;
         let mut patients: Vec<_> = patients.into_iter().flatten().collect();
-        for series in self.store().cases_of(&query).await? {
+        let cases = cases_of(&mut self.store().connect().await?, &query).await?;
+        for series in cases {
             let case = self.store().case(&series.case).await?;
             if case.is_some_and(|case| case.closed.is_none())
                 && let Some(source) = self.cases.attributes_of(&series.case).await?
@@ -271,12 +279,12 @@ impl Arrivals {
 }
 
 /// What a series says, once for each of its patients.
-fn others_of(arrival: &Arrival, patients: Vec<Patient>) -> Vec<Other> {
+fn without_case_of(arrival: &Arrival, patients: Vec<Patient>) -> Vec<SeriesWithoutCase> {
     let patients = match patients.is_empty() {
         true => vec![None],
         false => patients.into_iter().map(Some).collect(),
     };
-    let other = |patient| Other {
+    let other = |patient| SeriesWithoutCase {
         state: match arrival.state {
             ArrivalState::Case => ArrivalState::Nothing,
             state => state,

@@ -1,0 +1,205 @@
+//! What cases and layers have in common: a state, a job that prepares them, and the objects that they need.
+
+use case::{CaseState, JobKind};
+
+use super::connection::Connection;
+use super::{cases, jobs, layers, pins};
+use crate::args;
+use crate::jobs::NewJob;
+use crate::rows::{Owner, Pinned, Published, Referred};
+use crate::{ObjectName, Store, StoreError};
+
+impl Store {
+    /// The objects that a case or a layer needs; none if there is none.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn objects_of(&self, owner: impl Into<Owner>) -> Result<Vec<ObjectName>, StoreError> {
+        objects(&mut self.connect().await?, owner.into()).await
+    }
+
+    /// Gives a case or a layer further objects, or others of their kinds. [`Published::Fenced`] if it is not there, or not ready though it
+    /// must be.
+    pub(crate) async fn refer(
+        &self,
+        owner: Owner,
+        pinned: &Pinned,
+        must_be_ready: bool,
+    ) -> Result<Referred<Published>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let state = state(&mut transaction, owner).await?;
+        if state.is_none_or(|state| must_be_ready && state != CaseState::Ready) {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        }
+        if !refer(&mut transaction, owner, pinned, now).await? {
+            return Ok(Referred::PinLost);
+        }
+        transaction.commit().await?;
+        Ok(Referred::Done(Published::Done))
+    }
+
+    /// Queues a case or a layer again if it is failed, or ready; returns whether it was. The placement of a layer stays.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn prepare_again(
+        &self,
+        owner: impl Into<Owner>,
+        if_it_is: CaseState,
+    ) -> Result<bool, StoreError> {
+        let owner = owner.into();
+        let (mut transaction, now) = self.write().await?;
+        if state(&mut transaction, owner).await? != Some(if_it_is) {
+            return Ok(false);
+        }
+        queue_again(&mut transaction, owner, "", now).await?;
+        transaction.commit().await?;
+        self.signals().queued();
+        self.signals().changed(&owner.case);
+        Ok(true)
+    }
+
+    /// Removes a case with its layers, or a layer, and the objects that nothing else needs; `false` if it did not exist. A running
+    /// preparation is cancelled. The operation completes even if the caller drops the future.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written. It may have been removed even so; its objects are then removed later.
+    pub async fn delete(&self, owner: impl Into<Owner>) -> Result<bool, StoreError> {
+        let (store, owner) = (self.clone(), owner.into());
+        let delete = async move {
+            store.id().await?;
+            let deleted = store.delete_rows(owner).await?;
+            if deleted {
+                match owner.layer {
+                    None => store.inner.is_deleted(&owner.case),
+                    Some(_) => store.signals().changed(&owner.case),
+                }
+                store.collect().await?;
+            }
+            Ok(deleted)
+        };
+        tokio::spawn(delete).await?
+    }
+
+    /// Removes the rows of a case or of a layer; returns whether it existed. Its objects are left with expired pins; the versions of a
+    /// case become those of the case that it is a version of.
+    pub(crate) async fn delete_rows(&self, owner: impl Into<Owner>) -> Result<bool, StoreError> {
+        let (transaction, now) = self.write().await?;
+        self.delete_in(transaction, owner.into(), now).await
+    }
+
+    /// The same in a transaction, which is committed.
+    pub(super) async fn delete_in(
+        &self,
+        mut transaction: Connection,
+        owner: Owner,
+        now: i64,
+    ) -> Result<bool, StoreError> {
+        let needed = objects(&mut transaction, owner).await?;
+        pins::abandon(&mut transaction, needed, now).await?;
+        let deleted = match &owner.layer {
+            None => cases::delete(&mut transaction, &owner.case, now).await?,
+            Some(layer) => layers::delete(&mut transaction, &owner.case, layer).await?,
+        };
+        transaction.commit().await?;
+        if deleted {
+            self.rows().database.empty_log().await;
+        }
+        Ok(deleted)
+    }
+}
+
+/// The state of a case or a layer as it is written; `None` if there is none.
+pub(super) async fn state(
+    connection: &mut Connection,
+    owner: Owner,
+) -> Result<Option<CaseState>, StoreError> {
+    let case = owner.case.to_string();
+    let row = match owner.layer {
+        None => connection.fetch_optional(
+            "SELECT state, NULL AS job_state FROM cases WHERE id = $1",
+            args![case],
+        ),
+        Some(layer) => connection.fetch_optional(
+            "SELECT state, NULL AS job_state FROM layers WHERE case_id = $1 AND id = $2",
+            args![case, layer.to_string()],
+        ),
+    };
+    Ok(row.await?.as_ref().and_then(jobs::read_state))
+}
+
+/// Queues the preparation of a case or a layer that is there.
+pub(super) async fn queue_again(
+    connection: &mut Connection,
+    owner: Owner,
+    client: &str,
+    now: i64,
+) -> Result<(), StoreError> {
+    let case = owner.case.to_string();
+    let (kind, queued) = match owner.layer {
+        None => {
+            let sql = "UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1";
+            (JobKind::PREPARE, connection.execute(sql, args![case]))
+        }
+        Some(layer) => {
+            let sql =
+                "UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2";
+            let args = args![case, layer.to_string()];
+            (JobKind::LAYER, connection.execute(sql, args))
+        }
+    };
+    queued.await?;
+    jobs::enqueue_for(connection, &NewJob::about(kind, owner), client, now).await
+}
+
+/// The objects that a case or a layer needs.
+pub(super) async fn objects(
+    connection: &mut Connection,
+    owner: Owner,
+) -> Result<Vec<ObjectName>, StoreError> {
+    let case = owner.case.to_string();
+    let rows = match owner.layer {
+        None => connection.fetch_all(
+            "SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind",
+            args![case],
+        ),
+        Some(layer) => connection.fetch_all(
+            "SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind",
+            args![case, layer.to_string()],
+        ),
+    };
+    rows.await?.iter().map(pins::read_name).collect()
+}
+
+/// Turns pins into references; `false` if a pin is gone. Objects that are no longer needed are abandoned.
+pub(super) async fn refer(
+    connection: &mut Connection,
+    owner: Owner,
+    pinned: &Pinned,
+    now: i64,
+) -> Result<bool, StoreError> {
+    if !pins::consume(connection, pinned).await? {
+        return Ok(false);
+    }
+    let before = objects(connection, owner).await?;
+    for name in &pinned.names {
+        let (case, digest) = (owner.case.to_string(), name.digest.to_string());
+        let inserted = match owner.layer {
+            None => connection.execute(
+                "INSERT INTO case_objects (case_id, kind, digest) VALUES ($1, $2, $3)
+                 ON CONFLICT (case_id, kind) DO UPDATE SET digest = excluded.digest",
+                args![case, name.kind.name(), digest],
+            ),
+            Some(layer) => connection.execute(
+                "INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
+                 ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest",
+                args![case, layer.to_string(), name.kind.name(), digest],
+            ),
+        };
+        inserted.await?;
+    }
+    let after = objects(connection, owner).await?;
+    let dropped = before.into_iter().filter(|name| !after.contains(name));
+    pins::abandon(connection, dropped.collect(), now).await?;
+    Ok(true)
+}
