@@ -23,7 +23,9 @@
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
 //! of milliseconds, no longer than reading and checking their tens of megabytes.
 //!
-//! Other crates may have tables beside those of the store ([`tables`]).
+//! A method of [`Store`] that writes rows is one transaction. What only reads rows is a function on a connection ([`tables`]), unless it
+//! repairs what it finds damaged, or reads objects too. Other crates may have tables beside those of the store, with statements in its
+//! transactions.
 //!
 //! Every object is pinned before it is written and gets an expired pin when a case no longer needs it. A sweep leaves a
 //! tombstone on each unneeded object, deletes the object and buries the tombstone. So a removal never
@@ -510,7 +512,7 @@ impl Store {
     }
 
     /// For how long this process has had the store open, on the clock that [`Store::pass_time`] moves.
-    pub fn uptime(&self) -> Duration {
+    pub(crate) fn uptime(&self) -> Duration {
         let (at, ahead) = self.inner.opened_at;
         at.elapsed() + self.rows().ahead().saturating_sub(ahead)
     }
