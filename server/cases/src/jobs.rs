@@ -7,7 +7,7 @@ mod prepare;
 mod rebuild;
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use storage::{Expired, Removal, Store, Waiting};
 
@@ -80,15 +80,15 @@ fn usual_terms(library: &Library) -> Terms {
 
 /// What happens once a day.
 #[derive(Debug, Default)]
-struct Daily(Mutex<Option<Duration>>);
+struct Daily(Mutex<Option<Instant>>);
 
 impl Daily {
-    /// Whether a day has passed since this was true, at a time since the start.
-    fn is_due(&self, uptime: Duration) -> bool {
+    /// Whether a day has passed since this was true.
+    fn is_due(&self, now: Instant) -> bool {
         let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_due = last.is_none_or(|last| uptime.saturating_sub(last) >= DAY);
+        let is_due = last.is_none_or(|last| now.duration_since(last) >= DAY);
         if is_due {
-            *last = Some(uptime);
+            *last = Some(now);
         }
         is_due
     }
@@ -107,7 +107,7 @@ async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
             }
             // In the first hour nobody has to do anything.
             let why = why.filter(|why| *why != Waiting::FirstHour);
-            if let Some(why) = why.filter(|_| waiting.is_due(store.uptime())) {
+            if let Some(why) = why.filter(|_| waiting.is_due(Instant::now())) {
                 let cases = store.row_counts().await.ok().map(|counts| counts.expired);
                 tracing::warn!(
                     cases,
@@ -142,9 +142,9 @@ mod tests {
     #[test]
     fn what_happens_once_a_day_is_due_at_first_and_a_day_later() {
         let daily = Daily::default();
-        let hour = Duration::from_secs(3600);
+        let (start, hour) = (Instant::now(), Duration::from_secs(3600));
         let due: Vec<_> = (1..60)
-            .filter(|&hours| daily.is_due(hour * hours))
+            .filter(|&hours| daily.is_due(start + hour * hours))
             .collect();
         assert_eq!(due, [1, 25, 49]);
     }

@@ -480,7 +480,7 @@ impl Store {
     }
 
     /// For how long this process has had the store open, on the clock that [`Store::pass_time`] moves.
-    pub fn uptime(&self) -> Duration {
+    pub(crate) fn uptime(&self) -> Duration {
         let (at, ahead) = self.inner.opened_at;
         at.elapsed() + self.rows().ahead().saturating_sub(ahead)
     }
