@@ -48,40 +48,223 @@ async fn a_deeper_mesh_lies_within_a_shallower_one() {
     }
 }
 
+/// A mesh that a file holds, its corners in LPS mm.
+pub(crate) struct MeshFile {
+    pub(crate) corners: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl MeshFile {
+    pub(crate) fn read(media_type: &str, file: &[u8]) -> Self {
+        let numbers_at = |start: usize, count: usize| {
+            let at = (0..count).map(|number| start + 4 * number);
+            at.map(|at| u32_at(file, at)).collect::<Vec<_>>()
+        };
+        let thrice = |numbers: &[u32]| numbers.as_chunks().0.to_vec();
+        let places = |numbers: &[u32]| {
+            let place = |bits: [u32; 3]| bits.map(f32::from_bits);
+            thrice(numbers).into_iter().map(place).collect()
+        };
+        match media_type {
+            "model/gltf-binary" => {
+                let text = 20 + u32_at(file, 12) as usize;
+                let document: serde_json::Value = serde_json::from_slice(&file[20..text]).unwrap();
+                let count = |accessor: usize| {
+                    document["accessors"][accessor]["count"].as_u64().unwrap() as usize
+                };
+                let (corners, numbers) = (3 * count(0), count(1));
+                Self {
+                    corners: places(&numbers_at(text + 8, corners)),
+                    triangles: thrice(&numbers_at(text + 8 + 4 * corners, numbers)),
+                }
+            }
+            "model/stl" => {
+                // Corners are the same if their bits are.
+                let mut known = std::collections::HashMap::new();
+                let mut corners = Vec::new();
+                let facets = (84..file.len()).step_by(50);
+                let triangles = facets.map(|at| {
+                    [12, 24, 36].map(|corner| {
+                        let bits = numbers_at(at + corner, 3);
+                        *known.entry(bits).or_insert_with_key(|bits| {
+                            corners.push([0, 1, 2].map(|axis| f32::from_bits(bits[axis])));
+                            corners.len() as u32 - 1
+                        })
+                    })
+                });
+                let triangles = triangles.collect();
+                Self { corners, triangles }
+            }
+            "model/obj" => {
+                let text = std::str::from_utf8(file).unwrap();
+                let of = |kind: &'static str| {
+                    let lines = text.lines().filter_map(move |line| line.strip_prefix(kind));
+                    lines.map(|line| line.split(' ').collect::<Vec<_>>())
+                };
+                let corner = |words: Vec<&str>| [0, 1, 2].map(|axis| words[axis].parse().unwrap());
+                let triangle = |words: Vec<&str>| {
+                    [0, 1, 2].map(|corner| words[corner].parse::<u32>().unwrap() - 1)
+                };
+                Self {
+                    corners: of("v ").map(corner).collect(),
+                    triangles: of("f ").map(triangle).collect(),
+                }
+            }
+            _ => {
+                let end = b"end_header\n";
+                let start = file.windows(end.len()).position(|window| window == end);
+                let start = start.unwrap() + end.len();
+                let head = std::str::from_utf8(&file[..start]).unwrap();
+                let vertices = head
+                    .lines()
+                    .find_map(|line| line.strip_prefix("element vertex "));
+                let vertices = 3 * vertices.unwrap().parse::<usize>().unwrap();
+                let faces = (start + 4 * vertices..file.len()).step_by(13);
+                Self {
+                    corners: places(&numbers_at(start, vertices)),
+                    triangles: faces
+                        .flat_map(|at| thrice(&numbers_at(at + 1, 3)))
+                        .collect(),
+                }
+            }
+        }
+    }
+
+    fn corners_of(&self, triangle: [u32; 3]) -> [glam::DVec3; 3] {
+        triangle.map(|vertex| {
+            let corner = self.corners[vertex as usize];
+            glam::DVec3::from_array(corner.map(f64::from))
+        })
+    }
+
+    /// The triangles that have no area.
+    fn flat(&self) -> Vec<[u32; 3]> {
+        let is_flat = |triangle: &[u32; 3]| {
+            let [a, b, c] = self.corners_of(*triangle);
+            (b - a).cross(c - a) == glam::DVec3::ZERO
+        };
+        self.triangles.iter().copied().filter(is_flat).collect()
+    }
+
+    fn volume_ml(&self) -> f64 {
+        let parts = self.triangles.iter().map(|&triangle| {
+            let [a, b, c] = self.corners_of(triangle);
+            a.dot(b.cross(c)) / 6000.0
+        });
+        parts.sum()
+    }
+
+    /// Whether each edge belongs to two triangles, in opposite directions.
+    pub(crate) fn is_closed(&self) -> bool {
+        let edges = self
+            .triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let count = edges.clone().count();
+        let edges: std::collections::HashSet<_> = edges.collect();
+        edges.len() == count && edges.iter().all(|&[a, b]| edges.contains(&[b, a]))
+    }
+}
+
+const FILES: [&str; 4] = [
+    "model/gltf-binary",
+    "model/stl",
+    "model/obj",
+    "application/ply",
+];
+
 #[tokio::test]
-async fn every_format_holds_the_same_mesh() {
+async fn a_solid_is_closed_and_the_same_in_every_format() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let distance = server.get(&format!("{case}/distance")).await;
+    let step_mm: f64 = distance.header("x-isocortex-scale").parse().unwrap();
+    let affine = distance.header("x-isocortex-patient-from-voxel").split(',');
+    let voxel_mm: f64 = affine.map(|x| x.parse().unwrap()).next().unwrap();
+    let depths = distance.body.chunks_exact(2);
+    let depths: Vec<f64> = depths
+        .map(|pair| step_mm * f64::from(i16::from_le_bytes([pair[0], pair[1]])))
+        .collect();
+    for depth in ["0", "4.5", "8", "21.3"] {
+        let address = format!("{case}/mesh?depth_mm={depth}&solid=true");
+        let mut volumes = Vec::new();
+        for media_type in FILES {
+            let answer = server.get_with(&address, &[("accept", media_type)]).await;
+            assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+            assert_eq!(answer.header("content-type"), media_type);
+            assert_eq!(answer.header("x-isocortex-depth-mm"), depth);
+            assert_eq!(answer.header("x-isocortex-unknown-vertices"), "0");
+            assert_eq!(answer.header("x-isocortex-shallow-vertices"), "0");
+            let file = MeshFile::read(media_type, &answer.body);
+            assert!(file.is_closed(), "{media_type} at {depth} mm");
+            assert_eq!(file.flat().len(), 0, "{media_type} at {depth} mm");
+            volumes.push((file.triangles.len(), file.volume_ml().to_bits()));
+        }
+        assert_eq!(volumes, [volumes[0]; 4]);
+        let volume_ml = f64::from_bits(volumes[0].1);
+        // The voxels whose centres are inside; half of those on the surface. Near the envelope it is smoothed, and a little smaller.
+        let depth: f64 = depth.parse().unwrap();
+        let inside = depths
+            .iter()
+            .map(|&there| f64::from(u8::from(there > depth)) + f64::from(u8::from(there >= depth)));
+        let expected_ml = inside.sum::<f64>() / 2.0 * voxel_mm.powi(3) / 1000.0;
+        let ratio = volume_ml / expected_ml;
+        assert!(
+            (0.95..1.03).contains(&ratio),
+            "{volume_ml} of {expected_ml} ml at {depth} mm"
+        );
+    }
+    // Without a wish for a format it is the first that holds triangles.
+    let address = format!("{case}/mesh?depth_mm=8&solid=true");
+    let answer = server.get(&address).await;
+    assert_eq!(answer.header("content-type"), FILES[0]);
+    let raw = [("accept", "application/octet-stream")];
+    let refused = server.get_with(&address, &raw).await;
+    assert_eq!(refused.problem(), "not-acceptable");
+    let facts = server.get(&case).await.json();
+    let deepest = server
+        .get(&format!("{case}/mesh?depth_mm=9000&solid=true"))
+        .await;
+    assert_eq!(
+        deepest.header("x-isocortex-depth-mm"),
+        facts["max_depth_mm"].to_string()
+    );
+    assert!(MeshFile::read(FILES[0], &deepest.body).is_closed());
+}
+
+#[tokio::test]
+async fn every_format_holds_the_same_mesh_without_the_triangles_that_have_no_area() {
     let server = Server::start().await;
     let case = server.plain_case().await;
     let address = format!("{case}/mesh?depth_mm=8");
-    let positions = server.get(&address).await.body;
-    let of = async |media_type: &str| {
+    let corners = server.get(&address).await.positions();
+    let triangles = server.get(&format!("{case}/mesh/triangles")).await.body;
+    let numbers = (0..triangles.len()).step_by(4);
+    let numbers: Vec<_> = numbers.map(|at| u32_at(&triangles, at)).collect();
+    let triangles = numbers.as_chunks().0.to_vec();
+    let mut expected = MeshFile { corners, triangles };
+    let flat = expected.flat();
+    expected
+        .triangles
+        .retain(|triangle| !flat.contains(triangle));
+    assert!((100..500).contains(&flat.len()), "{}", flat.len());
+    for media_type in FILES {
         let answer = server.get_with(&address, &[("accept", media_type)]).await;
         assert_eq!(answer.header("content-type"), media_type);
-        answer.body
-    };
-    let glb = of("model/gltf-binary").await;
-    assert_eq!(u32_at(&glb, 8) as usize, glb.len());
-    let binary = 20 + u32_at(&glb, 12) as usize + 8;
-    assert_eq!(glb[binary..binary + positions.len()], positions);
-    let stl = of("model/stl").await;
-    assert_eq!(u32_at(&stl, 80), 1800);
-    assert_eq!(stl.len(), 84 + 50 * 1800);
-    let ply = of("application/ply").await;
-    let start = ply
-        .windows(11)
-        .position(|window| window == b"end_header\n")
-        .unwrap()
-        + 11;
-    assert_eq!(ply[start..start + positions.len()], positions);
-    let obj = of("model/obj").await;
-    let text = std::str::from_utf8(&obj).unwrap();
-    let first = text.lines().find(|line| line.starts_with("v ")).unwrap();
-    let first: Vec<f32> = first[2..].split(' ').map(|x| x.parse().unwrap()).collect();
-    assert_eq!(first, [0, 4, 8].map(|at| f32_at(&positions, at)));
-    assert_eq!(
-        text.lines().filter(|line| line.starts_with("f ")).count(),
-        1800
-    );
+        let file = MeshFile::read(media_type, &answer.body);
+        // A file of STL has no numbers.
+        let places = |mesh: &MeshFile| {
+            let each = mesh
+                .triangles
+                .iter()
+                .map(|&triangle| mesh.corners_of(triangle));
+            each.collect::<Vec<_>>()
+        };
+        assert_eq!(places(&file), places(&expected), "{media_type}");
+        if media_type != "model/stl" {
+            assert_eq!(file.corners, expected.corners, "{media_type}");
+        }
+    }
 }
 
 /// Shrinks a mesh by the table of its paths, as a client would: following the wire README alone.

@@ -7,6 +7,7 @@ use geometry::{Rescale, Volume};
 use glam::DVec3;
 use isocortex::config::MapsUse;
 
+use crate::interface::MeshFile;
 use crate::server::{Answer, Server};
 use crate::until::until;
 
@@ -341,6 +342,28 @@ async fn meshes_textures_facts_slices_and_profiles_are_of_the_surface_that_is_as
         assert_eq!(
             text.lines().filter(|line| line.starts_with("v ")).count(),
             902
+        );
+
+        // A solid is closed along the fence, and states how much of it is not the depth.
+        let address = format!("{case}/mesh?depth_mm=6&solid=true&surface={surface}");
+        let solid = server.get(&address).await;
+        assert_eq!(solid.header("content-type"), "model/gltf-binary");
+        let unknown: usize = solid
+            .header("x-isocortex-unknown-vertices")
+            .parse()
+            .unwrap();
+        let solid = MeshFile::read("model/gltf-binary", &solid.body);
+        assert!(solid.is_closed());
+        let count = solid.corners.len();
+        assert!(
+            (count / 50..count / 3).contains(&unknown),
+            "{unknown} of {count}"
+        );
+        assert!(
+            solid
+                .corners
+                .iter()
+                .all(|place| is_on_side(place[0], surface))
         );
 
         let distance = server

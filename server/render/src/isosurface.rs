@@ -1,6 +1,6 @@
 //! The isosurface {depth = D} and its intersections with lines of sight.
 
-use geometry::DepthField;
+use geometry::{DeformableModel, DepthField, Solid};
 use multiversion::multiversion;
 
 use crate::points::{Point, PointRow};
@@ -14,6 +14,16 @@ const SHALLOW: [f32; 2] = [3.0, 5.0];
 pub(crate) fn smooth_share(depth_in_voxels: f32) -> f32 {
     let share = (SHALLOW[1] - depth_in_voxels) / (SHALLOW[1] - SHALLOW[0]);
     share.clamp(0.0, 1.0)
+}
+
+/// The isosurface `depth_mm` below the envelope of a model as a closed mesh: the one that [`crate::draw_trace`] shows. It is empty if
+/// nothing is as deep.
+///
+/// Its vertices lie on the isosurface to within 1/512 of a voxel of the working grid, but for the few from which polygons are filled
+/// ([`geometry::solid`]); these and the middles of triangles are at most a tenth of a voxel off it.
+pub fn solid(model: &DeformableModel, depth_mm: f64) -> Solid {
+    let isosurface = Isosurface::new(model.field(), model.normals(), depth_mm);
+    geometry::solid(model.field().grid(), |voxel| isosurface.below_centre(voxel))
 }
 
 /// A depth's isosurface. Heights and depths are in voxels of the working grid.
@@ -59,6 +69,13 @@ impl<'a> Isosurface<'a> {
             let raw = self.field.at(position);
             raw + self.smooth * (self.normals.at(position) - raw)
         };
+        (steps - self.depth) * (1.0 / DepthField::STEPS_PER_VOXEL)
+    }
+
+    /// As [`Isosurface::below`], at the centre of the voxel with an index.
+    fn below_centre(&self, voxel: usize) -> f32 {
+        let raw = self.field.of_voxel(voxel);
+        let steps = raw + self.smooth * (self.normals.of_voxel(voxel) - raw);
         (steps - self.depth) * (1.0 / DepthField::STEPS_PER_VOXEL)
     }
 
@@ -190,6 +207,53 @@ fn face_block(
         let directions = &mut points.inward[first..first + count];
         for (lane, direction) in directions.iter_mut().enumerate() {
             *direction = [inward[0][lane], inward[1][lane], inward[2][lane]];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn a_solid_has_its_corners_on_the_traced_isosurface_and_its_facets_near_it() {
+        let head = geometry::phantom::head(2.0);
+        let grid = head.volume.grid().clone();
+        let brain = geometry::BrainMask::from_mask(&head.brain, &grid).unwrap();
+        let envelope = geometry::envelope(&brain, 10.0).unwrap();
+        let model = geometry::phantom::model(head.volume, envelope).model;
+        let voxel_from_patient = model.field().grid().voxel_from_patient();
+        let mut before = f64::INFINITY;
+        // Smoothed, blended with the field, and the field itself.
+        for depth_mm in [0.0, 3.0, 7.0, 8.0, 16.0, 30.0] {
+            let isosurface = Isosurface::new(model.field(), model.normals(), depth_mm);
+            let solid = solid(&model, depth_mm);
+            let corner = |vertex: u32| {
+                DVec3::from(solid.positions_in_patient[vertex as usize].map(f64::from))
+            };
+            let off = |place: DVec3| {
+                let place = voxel_from_patient.transform_point3(place).as_vec3();
+                isosurface.below(place.to_array()).abs()
+            };
+            let corners = solid.positions_in_patient.iter();
+            let corners: Vec<f32> = corners.map(|&at| off(at.map(f64::from).into())).collect();
+            // The middles of polygons that are filled from there are not on the isosurface.
+            let exact = corners.iter().filter(|&&off| off <= 1.0 / 512.0 + 1e-5);
+            assert!(exact.count() as f64 > 0.995 * corners.len() as f64);
+            let facets = solid.triangles.iter().map(|&triangle| {
+                let [a, b, c] = triangle.map(corner);
+                (a.dot(b.cross(c)) / 6.0, off((a + b + c) / 3.0))
+            });
+            let (parts, middles): (Vec<f64>, Vec<f32>) = facets.unzip();
+            let furthest = corners.iter().chain(&middles).copied().fold(0.0, f32::max);
+            assert!(furthest < 0.1, "{furthest} voxel at {depth_mm} mm");
+            let mean = middles.iter().sum::<f32>() / middles.len() as f32;
+            assert!(mean < 0.01, "{mean} voxel at {depth_mm} mm");
+            let volume_mm3: f64 = parts.iter().sum();
+            assert!(volume_mm3 < before);
+            before = volume_mm3;
         }
     }
 }

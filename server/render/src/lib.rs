@@ -52,6 +52,7 @@ pub use colormap::ColorMap;
 pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat, RenderedFrame};
 pub use hits::Hits;
+pub use isosurface::solid;
 pub use jpeg::encode_jpeg;
 pub use layer::{
     KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues, Layers, Overlay, OverlayParameters,

@@ -41,6 +41,11 @@ impl<'a, T: Copy + Into<f32>> Sampler<'a, T> {
         }
     }
 
+    /// The value of the voxel with an index.
+    pub(crate) fn of_voxel(&self, index: usize) -> f32 {
+        self.values[index].into()
+    }
+
     /// Whether a position in voxel coordinates lies in a voxel: within half a voxel of a centre.
     #[inline(always)]
     pub(crate) fn contains(&self, position: [f32; 3]) -> bool {

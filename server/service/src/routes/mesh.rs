@@ -8,7 +8,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{DepthField, MeshSize, PathTable, ShrunkMesh};
+use geometry::{DeformableModel, DepthField, MeshSize, PathTable, ShrunkMesh};
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
@@ -18,7 +19,7 @@ use crate::routes::asked::{CasePath, Question};
 use crate::wire;
 use case::SurfaceName;
 use cases::models::PathKind;
-use cases::pictures::{DepthMm, default_count, mesh_size};
+use cases::pictures::{DepthMm, ShownDepth, default_count, mesh_size};
 use http::conditional::{self, Content, Format};
 use http::negotiate::media_type;
 use http::problem::AppError;
@@ -32,6 +33,9 @@ const PLY: &str = "application/ply";
 
 /// The media types of a mesh; the first is the default.
 const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
+
+/// Those of a solid.
+const SOLID_TYPES: &[&str] = MESH_TYPES.split_at(1).1;
 
 /// The greatest number of points of a mesh with all depths; its table has about 50 MB.
 const MAX_TABULATED_POINTS: usize = 1 << 16;
@@ -61,6 +65,11 @@ pub struct MeshQuery {
     #[serde(default)]
     #[param(inline)]
     paths: PathKind,
+    /// Whether to answer with the isosurface itself, as a closed mesh, which `renderer=trace` shows: for printing and planning. It has
+    /// no contours and no paths, and is GLB, STL, OBJ or PLY.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[param(default = false)]
+    solid: bool,
 }
 
 /// The triangles of a mesh.
@@ -112,10 +121,22 @@ impl Asked for MeshQuery {
     type Values = MeshValues;
 
     fn checked(&self) -> Result<MeshValues, AppError> {
-        Ok(MeshValues {
+        let values = MeshValues {
             depth: DepthMm::new(self.depth_mm)?,
             size: mesh_size(self.contours, self.points)?,
-        })
+        };
+        for (key, is_given) in [
+            ("contours", self.contours != default_count()),
+            ("points", self.points != default_count()),
+            ("paths", self.paths != PathKind::default()),
+        ] {
+            if self.solid && is_given {
+                let detail =
+                    "is not accepted with `solid=true`, which has the vertices of the isosurface";
+                return Err(AppError::out_of_range(key, detail));
+            }
+        }
+        Ok(values)
     }
 }
 
@@ -145,7 +166,7 @@ impl Asked for PathsQuery {
 ///
 /// Depending on `Accept`: only the positions, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points
 /// contour by contour and then the two cap centres, NaN if the depth there is unknown; or a complete mesh as GLB (y up, metres),
-/// STL, OBJ or PLY (LPS mm).
+/// STL, OBJ or PLY (LPS mm). With `solid=true` the isosurface itself, closed, in one of these.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh", tag = "meshes",
     params(("id" = String, Path, description = "The case"), MeshQuery),
@@ -153,7 +174,7 @@ impl Asked for PathsQuery {
         (status = 200, description = "The mesh", headers(
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this mesh"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
-            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain, or the fence of a part, is nearer than the dura; their positions are NaN in `application/octet-stream`, and the other formats leave out their triangles"),
+            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain, or the fence of a part, is nearer than the dura; their positions are NaN in `application/octet-stream`, and the other formats leave out their triangles; a solid is closed there, too"),
             ("X-Isocortex-Shallow-Vertices" = usize, description = "How many vertices are shallower than the mesh, because their paths end before its depth"),
             ("ETag" = String, description = "A strong tag"),
         ), content(
@@ -170,7 +191,8 @@ pub async fn get_mesh(
     ApiQuery { asked, values }: ApiQuery<MeshQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let format = media_type(&request, MESH_TYPES)?;
+    let types = if asked.solid { SOLID_TYPES } else { MESH_TYPES };
+    let format = media_type(&request, types)?;
     let question = Question {
         id,
         route: "mesh",
@@ -180,6 +202,13 @@ pub async fn get_mesh(
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
+        if asked.solid {
+            let turn = cases.queue.turn().await?;
+            let model = Arc::clone(model.model());
+            let work = move || encode_solid(&model, depth.mm, format);
+            let (body, lacking) = turn.run(work).await??;
+            return Ok(content(body, depth, &lacking));
+        }
         let shrunk = async {
             let shrunk = model.shrink(size, asked.paths, depth.mm).await;
             shrunk.map_err(Error::from)
@@ -193,18 +222,7 @@ pub async fn get_mesh(
             let work = move || encode(shrunk, model.field(), (size, format));
             turn.run(work).await?
         };
-        let mut headers = depth_headers(depth);
-        for (name, count) in [
-            ("x-isocortex-unknown-vertices", lacking.unknown),
-            ("x-isocortex-shallow-vertices", lacking.shallow),
-        ] {
-            let name = HeaderName::from_static(name);
-            conditional::insert(&mut headers, name, &count.to_string());
-        }
-        Ok(Content {
-            headers,
-            ..body.into()
-        })
+        Ok(content(body, depth, &lacking))
     };
     let format = of_surface(Format::of(format), format, asked.surface);
     question.answer(&cases, format, work).await
@@ -214,6 +232,21 @@ pub async fn get_mesh(
 struct Lacking {
     unknown: usize,
     shallow: usize,
+}
+
+fn content(body: Bytes, depth: ShownDepth, lacking: &Lacking) -> Content {
+    let mut headers = depth_headers(depth);
+    for (name, count) in [
+        ("x-isocortex-unknown-vertices", lacking.unknown),
+        ("x-isocortex-shallow-vertices", lacking.shallow),
+    ] {
+        let name = HeaderName::from_static(name);
+        conditional::insert(&mut headers, name, &count.to_string());
+    }
+    Content {
+        headers,
+        ..body.into()
+    }
 }
 
 fn encode(
@@ -235,19 +268,57 @@ fn encode(
     (encode_file(&shrunk, &unknown, size, format), lacking)
 }
 
-/// A mesh as a file, without the triangles that touch a vertex of unknown depth. Programs that read such files expect a position
-/// for each vertex.
+/// The isosurface at a depth as a file.
+fn encode_solid(
+    model: &DeformableModel,
+    depth_mm: f32,
+    format: &str,
+) -> Result<(Bytes, Lacking), AppError> {
+    let solid = render::solid(model, depth_mm.into());
+    if solid.triangles.is_empty() {
+        let detail = "is so great that nothing is left of a solid; choose a smaller one";
+        return Err(AppError::out_of_range("depth_mm", detail));
+    }
+    let is_known = |position: &&[f32; 3]| {
+        let position = Vec3::from_array(**position).as_dvec3();
+        model.field().is_known(position, depth_mm)
+    };
+    let positions = &solid.positions_in_patient;
+    let lacking = Lacking {
+        unknown: positions.len() - positions.iter().filter(is_known).count(),
+        shallow: 0,
+    };
+    let mesh = wire::Mesh {
+        depth_mm,
+        positions_in_patient: positions,
+        triangles: &solid.triangles,
+    };
+    Ok((file(mesh, format), lacking))
+}
+
+/// A mesh as a file, without the triangles that touch a vertex of unknown depth or have no area. Programs that read such files expect
+/// a position for each vertex.
 fn encode_file(shrunk: &ShrunkMesh, unknown: &[usize], size: MeshSize, format: &str) -> Bytes {
     let mut is_known = vec![true; shrunk.positions_in_patient.len()];
     for &vertex in unknown {
         is_known[vertex] = false;
     }
     let mut triangles = size.triangles();
-    triangles.retain(|triangle| triangle.iter().all(|&vertex| is_known[vertex as usize]));
+    triangles.retain(|triangle| {
+        let corners = triangle.map(|vertex| shrunk.positions_in_patient[vertex as usize]);
+        let [a, b, c] = corners.map(|corner| Vec3::from_array(corner).as_dvec3());
+        let is_known = triangle.iter().all(|&vertex| is_known[vertex as usize]);
+        is_known && (b - a).cross(c - a) != DVec3::ZERO
+    });
     let mesh = wire::Mesh {
-        shrunk,
+        depth_mm: shrunk.depth_mm,
+        positions_in_patient: &shrunk.positions_in_patient,
         triangles: &triangles,
     };
+    file(mesh, format)
+}
+
+fn file(mesh: wire::Mesh<'_>, format: &str) -> Bytes {
     let file = match format {
         GLTF => wire::gltf(mesh),
         STL => wire::stl(mesh),

@@ -22,7 +22,7 @@ const GLTF_FROM_PATIENT: [f32; 16] = [
 ///
 /// Format: Khronos glTF 2.0, sections 3.6 and 4.4.
 pub fn gltf(mesh: Mesh<'_>) -> Vec<u8> {
-    let positions = super::positions(&mesh.shrunk.positions_in_patient);
+    let positions = super::positions(mesh.positions_in_patient);
     let triangles = super::triangles(mesh.triangles);
     let mut text = document(mesh, positions.len(), triangles.len()).to_string();
     while !text.len().is_multiple_of(4) {
@@ -49,14 +49,14 @@ fn document(mesh: Mesh<'_>, position_bytes: usize, triangle_bytes: usize) -> ser
     const UNSIGNED_INT: u32 = 5125;
     const ARRAY_BUFFER: u32 = 34962;
     const ELEMENT_ARRAY_BUFFER: u32 = 34963;
-    let [least, greatest] = bounds(&mesh.shrunk.positions_in_patient);
+    let [least, greatest] = bounds(mesh.positions_in_patient);
     json!({
         "asset": {
             "version": "2.0",
             "generator": concat!("isocortex ", env!("CARGO_PKG_VERSION")),
             "extras": {
                 "notice": render::RESEARCH_USE_NOTICE,
-                "depth_mm": mesh.shrunk.depth_mm,
+                "depth_mm": mesh.depth_mm,
                 "buffer_space": "LPS mm",
             },
         },
@@ -68,7 +68,7 @@ fn document(mesh: Mesh<'_>, position_bytes: usize, triangle_bytes: usize) -> ser
             {
                 "bufferView": 0,
                 "componentType": FLOAT,
-                "count": mesh.shrunk.positions_in_patient.len(),
+                "count": mesh.positions_in_patient.len(),
                 "type": "VEC3",
                 "min": least,
                 "max": greatest,
@@ -108,16 +108,13 @@ fn bounds(positions: &[[f32; 3]]) -> [[f32; 3]; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixture::{f32_at, tetrahedron, u32_at};
+    use super::super::fixture::{f32_at, mesh_of, tetrahedron, u32_at};
     use super::*;
 
     #[test]
     fn chunks_and_their_lengths_agree() {
-        let (shrunk, triangles) = tetrahedron();
-        let file = gltf(Mesh {
-            shrunk: &shrunk,
-            triangles: &triangles,
-        });
+        let (positions, triangles) = tetrahedron();
+        let file = gltf(mesh_of(&positions, &triangles));
         assert_eq!(&file[..4], MAGIC);
         assert_eq!(u32_at(&file, 8) as usize, file.len());
         let text_length = u32_at(&file, 12) as usize;

@@ -8,7 +8,6 @@ mod stl;
 mod texture;
 
 use bytes::Bytes;
-use geometry::ShrunkMesh;
 
 pub use gltf::gltf;
 pub use obj::obj;
@@ -20,11 +19,13 @@ pub use texture::{
     quick_range, volume_texture,
 };
 
-/// A mesh to write: its vertices in LPS mm and its triangles.
+/// A mesh to write.
 #[derive(Debug, Clone, Copy)]
 pub struct Mesh<'a> {
-    /// The vertices and their depth.
-    pub shrunk: &'a ShrunkMesh,
+    /// The depth of its vertices.
+    pub depth_mm: f32,
+    /// The vertices in LPS mm.
+    pub positions_in_patient: &'a [[f32; 3]],
     /// Vertex numbers, counter-clockwise seen from outside.
     pub triangles: &'a [[u32; 3]],
 }
@@ -52,20 +53,28 @@ where
 
 #[cfg(test)]
 pub(crate) mod fixture {
-    use geometry::ShrunkMesh;
+    use super::Mesh;
 
     /// A tetrahedron, which is as good a mesh as any.
-    pub(crate) fn tetrahedron() -> (ShrunkMesh, Vec<[u32; 3]>) {
-        let mesh = ShrunkMesh {
+    pub(crate) fn tetrahedron() -> ([[f32; 3]; 4], [[u32; 3]; 4]) {
+        let positions = [
+            [0.0, 0.0, 0.0],
+            [30.0, 0.0, 0.0],
+            [0.0, 20.0, 0.0],
+            [0.0, 0.0, 10.0],
+        ];
+        (positions, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    }
+
+    pub(crate) fn mesh_of<'a>(
+        positions_in_patient: &'a [[f32; 3]],
+        triangles: &'a [[u32; 3]],
+    ) -> Mesh<'a> {
+        Mesh {
             depth_mm: 2.5,
-            positions_in_patient: vec![
-                [0.0, 0.0, 0.0],
-                [30.0, 0.0, 0.0],
-                [0.0, 20.0, 0.0],
-                [0.0, 0.0, 10.0],
-            ],
-        };
-        (mesh, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+            positions_in_patient,
+            triangles,
+        }
     }
 
     pub(crate) fn f32_at(bytes: &[u8], offset: usize) -> f32 {
@@ -83,8 +92,8 @@ mod tests {
 
     #[test]
     fn positions_and_triangles_are_bare_triples() {
-        let (mesh, triangles) = tetrahedron();
-        let positions = super::positions(&mesh.positions_in_patient);
+        let (positions, triangles) = tetrahedron();
+        let positions = super::positions(&positions);
         assert_eq!(positions.len(), 12 * 4);
         assert_eq!(f32_at(&positions, 12), 30.0);
         let triangles = super::triangles(&triangles);

@@ -11,10 +11,10 @@ use super::Mesh;
 pub fn obj(mesh: Mesh<'_>) -> Vec<u8> {
     let mut text = format!(
         "# Isocortex. {RESEARCH_USE_NOTICE}\n# SPACE=LPS UNIT=mm DEPTH={:.3}\n",
-        mesh.shrunk.depth_mm
+        mesh.depth_mm
     );
     let write = (|| {
-        for [x, y, z] in &mesh.shrunk.positions_in_patient {
+        for [x, y, z] in mesh.positions_in_patient {
             writeln!(text, "v {x} {y} {z}")?;
         }
         for triangle in mesh.triangles {
@@ -29,16 +29,13 @@ pub fn obj(mesh: Mesh<'_>) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixture::tetrahedron;
+    use super::super::fixture::{mesh_of, tetrahedron};
     use super::*;
 
     #[test]
     fn vertices_count_from_one() {
-        let (shrunk, triangles) = tetrahedron();
-        let file = obj(Mesh {
-            shrunk: &shrunk,
-            triangles: &triangles,
-        });
+        let (positions, triangles) = tetrahedron();
+        let file = obj(mesh_of(&positions, &triangles));
         let text = String::from_utf8(file).unwrap();
         assert!(text.contains("\nv 30 0 0\n"));
         assert!(text.contains("\nf 1 3 2\n"));

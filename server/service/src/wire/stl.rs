@@ -7,12 +7,12 @@ const TRIANGLE_LENGTH: usize = 50;
 
 /// A binary STL in LPS mm, as stated in the header in the form that 3D Slicer reads.
 ///
-/// Normals are the outward normals of the facets; a facet without area has the normal 0.
+/// Normals are the outward normals of the facets.
 pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
     let mut file = Vec::with_capacity(HEADER_LENGTH + 4 + TRIANGLE_LENGTH * mesh.triangles.len());
     let title = format!(
         "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} {}",
-        mesh.shrunk.depth_mm,
+        mesh.depth_mm,
         render::SHORT_NOTICE
     );
     file.extend(
@@ -23,7 +23,7 @@ pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
     );
     file.extend_from_slice(&(mesh.triangles.len() as u32).to_le_bytes());
     for triangle in mesh.triangles {
-        let corners = triangle.map(|vertex| mesh.shrunk.positions_in_patient[vertex as usize]);
+        let corners = triangle.map(|vertex| mesh.positions_in_patient[vertex as usize]);
         let vectors = std::iter::once(facet_normal(corners)).chain(corners);
         file.extend(vectors.flatten().flat_map(f32::to_le_bytes));
         file.extend_from_slice(&[0, 0]);
@@ -38,16 +38,13 @@ fn facet_normal([a, b, c]: [[f32; 3]; 3]) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fixture::{f32_at, tetrahedron, u32_at};
+    use super::super::fixture::{f32_at, mesh_of, tetrahedron, u32_at};
     use super::*;
 
     #[test]
     fn facets_carry_their_outward_normals() {
-        let (shrunk, triangles) = tetrahedron();
-        let file = stl(Mesh {
-            shrunk: &shrunk,
-            triangles: &triangles,
-        });
+        let (positions, triangles) = tetrahedron();
+        let file = stl(mesh_of(&positions, &triangles));
         assert_eq!(file.len(), 84 + 50 * 4);
         assert!(!file.starts_with(b"solid"));
         assert!(file[..80].windows(9).any(|window| window == b"SPACE=LPS"));
