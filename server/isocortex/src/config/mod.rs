@@ -205,7 +205,7 @@ pub enum ConfigError {
     SameNode,
     /// An application entity title is invalid.
     #[error(
-        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without spaces and backslashes"
+        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
     )]
     Aet,
     /// The address of a peer is none.
