@@ -55,11 +55,11 @@ dicom_tools() {
     say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are missing; they are skipped."
 }
 
-# Orthanc, a PACS. Its package starts a server and lets it start with the machine: a policy of invoke-rc.d(8), which is removed again,
-# prevents the first, and the service is disabled.
-orthanc() {
-  local right policy=/usr/sbin/policy-rc.d
-  [ -x /usr/sbin/Orthanc ] && [ -e /usr/share/orthanc/plugins/libOrthancDicomWeb.so ] && return 0
+# without_service SERVICE PACKAGES...: installs packages that start a service and let it start with the machine: a policy of
+# invoke-rc.d(8), which is removed again, prevents the first, and the service is disabled.
+without_service() {
+  local service=$1 right policy=/usr/sbin/policy-rc.d
+  shift
   (
     right=$(install_right) || true
     # $right is one or more words, split on purpose.
@@ -70,11 +70,25 @@ orthanc() {
         printf '#!/bin/sh\nexit 101\n' | $right tee "$policy" >/dev/null
         $right chmod 755 "$policy"
       fi
-      install_packages orthanc orthanc-dicomweb && $right update-rc.d orthanc disable >/dev/null 2>&1
+      install_packages "$@" && $right update-rc.d "$service" disable >/dev/null 2>&1
     fi
   ) || true
+}
+
+# Orthanc, a PACS.
+orthanc() {
+  [ -x /usr/sbin/Orthanc ] && [ -e /usr/share/orthanc/plugins/libOrthancDicomWeb.so ] && return 0
+  without_service orthanc orthanc orthanc-dicomweb
   [ -x /usr/sbin/Orthanc ] ||
     say "the tests with Orthanc need the Debian packages orthanc and orthanc-dicomweb; without them these tests are skipped."
+}
+
+# promtool, which checks the rules for Prometheus, comes with a server.
+monitoring() {
+  have promtool && return 0
+  without_service prometheus prometheus
+  have promtool ||
+    say "the rules for Prometheus are checked by promtool of the Debian package prometheus; without it that check is skipped."
 }
 
 # A proxy, and the schemas of Kubernetes with a reader of YAML, for the tests of several servers.
@@ -98,7 +112,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; deployment; network ;;
-  all) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; deployment; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; network ;;
+  all) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

@@ -70,6 +70,9 @@ shell_scripts() {
   # The functions of debconf are not of this project.
   shellcheck -e SC1091 scripts/debian/{config,postinst,prerm,postrm}
 }
+alert_rules() {
+  promtool check rules docker/monitoring/alerts.yaml && promtool test rules docker/monitoring/alerts.test.yaml
+}
 # Neither the program nor its manual need be installed here.
 package_unit() { sed 's,^ExecStart=/usr/bin/isocortex,ExecStart=/bin/true,' scripts/debian/isocortex.service >"$unit" && systemd-analyze verify --man=no "$unit"; }
 
@@ -123,6 +126,7 @@ if hadolint=$(scripts/hadolint.sh 2>/dev/null); then
 else
   skip Dockerfile "hadolint is missing"
 fi
+if have promtool; then step "rules for Prometheus" alert_rules; else skip "rules for Prometheus" "promtool is not installed"; fi
 if have python3 && python3 -c 'import tomllib' 2>/dev/null; then
   step "picture of the crates" scripts/draw-crates.py --check
 else

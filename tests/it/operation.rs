@@ -1,11 +1,13 @@
 //! What an operator sees and does: logs, metrics, signals, checks of a configuration and of nodes, pages of other hosts.
 
+use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::Duration;
 
+use ::http::tls::certificate_end;
 use axum::body::Body;
 use axum::http::{Method, Request};
 use serde_json::Value;
@@ -218,15 +220,17 @@ fn a_withdrawn_token_opens_no_longer_although_a_certificate_cannot_be_read_again
     let folder = tempfile::tempdir().unwrap();
     let [data, tokens, file] =
         ["data", "tokens.toml", "isocortex.toml"].map(|name| folder.path().join(name));
-    let add = |name: &str| {
+    let add = |name: &str, until: &[&str]| {
         let arguments = ["token", "new", name, "--role", "viewer", "--file"];
         let mut command = Command::new(program());
-        let made = command.args(arguments).arg(&tokens).output().unwrap();
+        let command = command.args(arguments).arg(&tokens).args(until);
+        let made = command.output().unwrap();
         String::from_utf8(made.stdout).unwrap().trim().to_owned()
     };
-    let first = add("first");
+    let first = add("first", &[]);
     let with_first = std::fs::read_to_string(&tokens).unwrap();
-    let second = add("second");
+    let second = add("second", &["--until", "2099-12-31"]);
+    let end = certificate_end(&certificates.read("cert.pem")).unwrap();
     let [certificate, key] = ["cert.pem", "key.pem"].map(|name| certificates.text(name));
     let config = format!(
         "[http]\ntokens_file = {tokens:?}\n[pacs.dimse]\nlisten = \"127.0.0.1:0\"\ntls_certificate = {certificate:?}\ntls_key = {key:?}\n"
@@ -240,17 +244,30 @@ fn a_withdrawn_token_opens_no_longer_although_a_certificate_cannot_be_read_again
     let address = line["address"].as_str().unwrap().to_owned();
     let status = |token: &str| get(&address, "/v1/cases", token).0;
     assert_eq!([status(&first), status(&second)], [200, 200]);
+    let ends = || {
+        let metrics = get(&address, "/metrics", "").1;
+        let of = |name: &str| {
+            let line = metrics.lines().find_map(|line| line.strip_prefix(name));
+            line.map(|value| value.trim().parse::<u64>().unwrap())
+        };
+        let listener = "isocortex_certificate_end_time_seconds{listener=\"c-store\"}";
+        [of(listener), of("isocortex_token_end_time_seconds ")]
+    };
+    let end = end.duration_since(std::time::UNIX_EPOCH).unwrap().as_secs();
+    // The day after 2099-12-31 begins.
+    assert_eq!(ends(), [Some(end), Some(4_102_444_800)]);
 
-    // A key that does not fit; then one that is not there at all.
-    std::fs::write(&key, "nonsense").unwrap();
+    // A certificate that is none; then a key that is not there at all.
+    std::fs::write(&certificate, "nonsense").unwrap();
     server.until("the certificates of C-STORE stay as they were");
     std::fs::write(&tokens, &with_first).unwrap();
     server.until("the tokens were read again");
     assert_eq!([status(&first), status(&second)], [200, 401]);
+    assert_eq!(ends(), [Some(end), None]);
     std::fs::remove_file(&key).unwrap();
     let gone = server.until("the certificates of C-STORE stay as they were");
     assert!(gone["error"].as_str().unwrap().ends_with("is not there"));
-    let third = add("third");
+    let third = add("third", &[]);
     server.until("the tokens were read again");
     assert_eq!([status(&first), status(&third)], [200, 200]);
     server.end();
@@ -344,6 +361,59 @@ fn a_worker_answers_health_checks_and_metrics_and_outlives_a_hangup() {
     assert!(metrics.contains("isocortex_database_up 1"), "{metrics}");
     assert_eq!(get(&address, "/v1/cases", "").0, 404);
     worker.end();
+}
+
+/// A rule for a metric that does not exist never fires.
+#[test]
+fn every_metric_of_the_alerts_and_the_dashboard_is_in_the_metrics() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, file] = ["data", "isocortex.toml"].map(|name| folder.path().join(name));
+    let listener = "[pacs.dimse]\nlisten = \"127.0.0.1:0\"\n";
+    std::fs::write(&file, listener).unwrap();
+    let mut server = Logged::serve(
+        data.to_str().unwrap(),
+        &["--config", file.to_str().unwrap()],
+    );
+    let line = server.until("listening");
+    let address = line["address"].as_str().unwrap();
+    // What counts requests begins with the first.
+    get(address, "/healthz", "");
+    let (_, metrics) = get(address, "/metrics", "");
+    server.stop();
+    let kinds = metrics
+        .lines()
+        .filter_map(|line| line.strip_prefix("# TYPE "));
+    let stated: BTreeSet<String> = kinds
+        .flat_map(|line| {
+            let (name, kind) = line.split_once(' ').unwrap();
+            let endings: &[&str] = match kind {
+                "counter" => &["_total"],
+                "histogram" => &["_bucket", "_count", "_sum"],
+                _ => &[""],
+            };
+            endings.iter().map(move |ending| format!("{name}{ending}"))
+        })
+        .collect();
+    let monitoring = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docker/monitoring");
+    for (file, least) in [
+        ("alerts.yaml", 13),
+        ("alerts.test.yaml", 13),
+        ("dashboard.json", 13),
+    ] {
+        let text = std::fs::read_to_string(monitoring.join(file)).unwrap();
+        let words = text.split(|letter: char| !letter.is_ascii_alphanumeric() && letter != '_');
+        let named = words.filter(|word| {
+            let is_ours = word.starts_with("isocortex_") || word.starts_with("process_");
+            is_ours && word.ends_with(|letter: char| letter.is_ascii_alphanumeric())
+        });
+        let named: BTreeSet<String> = named.map(str::to_owned).collect();
+        let unknown: Vec<_> = named.difference(&stated).collect();
+        assert!(
+            unknown.is_empty(),
+            "{file} names {unknown:?}; there are {stated:?}"
+        );
+        assert!(named.len() >= least, "{file} names {named:?}");
+    }
 }
 
 /// The text of metrics is what a parser of the format accepts.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use ::pacs::dimse::{self, DimseOptions, NotStored, Peer, StorageNode};
 use ::pacs::{ArrivalOptions, ImageStatus, start_series_reader};
@@ -858,11 +858,15 @@ async fn storescu_stores_a_series_in_every_syntax_and_echoscu_is_answered() {
         return;
     };
     let neighbour = Neighbour::start(|_| {}).await;
-    let address = dimse(&neighbour, dimse_options()).await;
+    let options = dimse_options();
+    let counts = Arc::clone(&options.counts);
+    let address = dimse(&neighbour, options).await;
     let port = address.port().to_string();
     let to_us = ["-aet", "SENDER", "-aec", "ISOCORTEX", "127.0.0.1", &port];
+    let began = SystemTime::now();
     let echo = run(&echoscu, &to_us).await;
     assert!(echo.status.success(), "{echo:?}");
+    assert!(counts.last_images().is_empty(), "an echo is no image");
     let folder = tempfile::tempdir().unwrap();
     let slices = head_slices();
     let third = slices.len() / 3;
@@ -881,6 +885,11 @@ async fn storescu_stores_a_series_in_every_syntax_and_echoscu_is_answered() {
     arguments.push(path);
     let stored = run(&storescu, &arguments).await;
     assert!(stored.status.success(), "{stored:?}");
+    let last: Vec<_> = counts.last_images().into_iter().collect();
+    assert!(
+        matches!(&last[..], [(peer, time)] if peer == "SENDER" && *time > began),
+        "{last:?}"
+    );
     let arrival = neighbour.settled().await;
     assert_eq!(arrival["state"], "case", "{arrival}");
     assert_eq!(arrival["source"], "c-store");

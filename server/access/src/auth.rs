@@ -107,6 +107,11 @@ impl Access {
         }
     }
 
+    /// When the next of the tokens ends, if one does.
+    pub fn next_end(&self) -> Option<SystemTime> {
+        self.tokens.borrow().as_ref().and_then(Tokens::next_end)
+    }
+
     /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
         self.tokens.borrow().is_some()

@@ -86,6 +86,13 @@ impl Tokens {
         Self(tokens)
     }
 
+    /// When the next of them ends that has not ended yet.
+    pub(crate) fn next_end(&self) -> Option<SystemTime> {
+        let now = SystemTime::now();
+        let ends = self.0.iter().filter_map(|token| token.ends);
+        ends.filter(|&end| end > now).min()
+    }
+
     /// The given token, if it opens.
     pub(crate) fn open(&self, given: &[u8]) -> Result<&NamedToken, Mismatch> {
         self.with_digest(&blake3::hash(given))
@@ -145,5 +152,7 @@ mod tests {
         assert_eq!(opens(b"c"), Ok("locum"));
         assert_eq!(opens(b"d"), Err(Mismatch::Unknown));
         assert!(Tokens::default().open(b"a").is_err());
+        assert_eq!(tokens.next_end(), Some(now + Duration::from_secs(3600)));
+        assert_eq!(Tokens::default().next_end(), None);
     }
 }

@@ -97,7 +97,11 @@ pub enum StartError {
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
     let store = Store::open(options.location.clone(), options.store.clone()).await?;
-    tracing::info!("brains are extracted {}", extractor.words());
+    let words = extractor.words();
+    match extractor.has_network() {
+        true => tracing::info!("brains are extracted {words}"),
+        false => tracing::warn!("brains are extracted {words}"),
+    }
     let pipeline = Pipeline::new(extractor).with_threads(options.preparation_threads);
     let preparation = match options.prepares_apart {
         false => pipeline.into(),

@@ -113,6 +113,28 @@ pub fn certificate_warning(pem: &[u8], now: SystemTime) -> Option<&'static str> 
     }
 }
 
+/// The last second in which the first certificate of a PEM is valid.
+pub fn certificate_end(pem: &[u8]) -> Option<SystemTime> {
+    /// The end of the year 9999, the last time that a certificate can state.
+    const LAST: u64 = 253_402_300_799;
+    let chain = certificates(pem)?;
+    let at = |seconds: u64| SystemTime::UNIX_EPOCH + Duration::from_secs(seconds);
+    let has_ended = |seconds: u64| time_problem(&chain, at(seconds)) == Some(ENDED);
+    // The verifier tells only whether it has ended.
+    let (mut valid, mut ended) = (0, LAST + 1);
+    while valid + 1 < ended {
+        let middle = valid.midpoint(ended);
+        if has_ended(middle) {
+            ended = middle;
+        } else {
+            valid = middle;
+        }
+    }
+    Some(at(valid))
+}
+
+const ENDED: &str = "has ended";
+
 /// What is wrong with the time of the first certificate of a chain. The verifier looks at that before anything else, so that it does not matter which name
 /// and which authority it is asked about.
 fn time_problem(chain: &[CertificateDer<'static>], at: SystemTime) -> Option<&'static str> {
@@ -129,7 +151,7 @@ fn time_problem(chain: &[CertificateDer<'static>], at: SystemTime) -> Option<&'s
     match verified.err()? {
         Error::InvalidCertificate(
             CertificateError::Expired | CertificateError::ExpiredContext { .. },
-        ) => Some("has ended"),
+        ) => Some(ENDED),
         Error::InvalidCertificate(
             CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. },
         ) => Some("is not valid yet"),
@@ -230,5 +252,7 @@ gQiYhiAOy+BoLRauR/2lVxI=\n\
             assert_eq!(certificate_warning(OF_2020, days(day)), expected, "{day}");
         }
         assert_eq!(certificate_warning(b"nonsense", days(18_300)), None);
+        assert_eq!(certificate_end(OF_2020), Some(days(18_628)));
+        assert_eq!(certificate_end(b"nonsense"), None);
     }
 }

@@ -1,8 +1,10 @@
 //! What the metrics say beside requests: the store, the PACS, the process.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
 
 use access::audit::Audit;
+use access::auth::Access;
 use http::metrics::{Figure, Metrics};
 use pacs::dimse::{AssociationCounts, Rejection};
 use pacs::{Pacs, PacsStore};
@@ -13,6 +15,41 @@ const TICKS: f64 = 100.0;
 
 /// Bytes of a page of memory in `/proc`.
 const PAGE: f64 = 4096.0;
+
+/// How long the database, and the objects, may take to answer. It is less than all figures may take, so that it is stated that one
+/// does not answer.
+const LONGEST_ANSWER: Duration = Duration::from_millis(1500);
+
+/// When the certificate of each listener ends, as it was last read.
+pub(crate) type CertificateEnds = Arc<Mutex<Vec<(&'static str, SystemTime)>>>;
+
+/// Adds when certificates and tokens end.
+pub(crate) fn add_ends(metrics: &Metrics, access: &Access, certificates: &CertificateEnds) {
+    let (access, certificates) = (access.clone(), Arc::clone(certificates));
+    metrics.add_source(Arc::new(move || {
+        let certificates = certificates.lock().unwrap_or_else(PoisonError::into_inner);
+        let figures = ends(access.next_end(), &certificates);
+        Box::pin(async { figures })
+    }));
+}
+
+fn ends(token: Option<SystemTime>, certificates: &[(&'static str, SystemTime)]) -> Vec<Figure> {
+    let help = "When the certificate of a listener ends, since 1970";
+    let certificate = Figure::gauge("isocortex_certificate_end_time_seconds", help);
+    let help = "When the next of the tokens ends, since 1970";
+    let next = Figure::gauge("isocortex_token_end_time_seconds", help);
+    vec![
+        (certificates.iter()).fold(certificate, |figure, &(listener, end)| {
+            figure.with(&[("listener", listener)], since_1970(end))
+        }),
+        (token.into_iter()).fold(next, |figure, end| figure.with(&[], since_1970(end))),
+    ]
+}
+
+fn since_1970(time: SystemTime) -> f64 {
+    let since = time.duration_since(SystemTime::UNIX_EPOCH);
+    since.unwrap_or_default().as_secs() as f64
+}
 
 /// Adds whether events can be recorded.
 pub(crate) fn add_audit(metrics: &Metrics, audit: &Audit) {
@@ -88,6 +125,8 @@ fn associations(counts: &AssociationCounts) -> Vec<Figure> {
         "isocortex_c_store_answers",
         "Images of C-STORE by the answer",
     );
+    let help = "When a peer last sent an image by C-STORE that was stored, since 1970";
+    let last = Figure::gauge("isocortex_last_image_time_seconds", help);
     let [stored, not_stored] = counts.images();
     vec![
         running.with(&[], counts.running() as f64),
@@ -98,6 +137,9 @@ fn associations(counts: &AssociationCounts) -> Vec<Figure> {
         answered
             .with(&[("answer", "success")], stored as f64)
             .with(&[("answer", "failure")], not_stored as f64),
+        (counts.last_images().iter()).fold(last, |figure, (peer, &time)| {
+            figure.with(&[("peer", peer)], since_1970(time))
+        }),
     ]
 }
 
@@ -143,12 +185,21 @@ async fn rows(store: &Store) -> Vec<Figure> {
         let help = "Free bytes on the disk of the folder of this process";
         figures.push(Figure::gauge("isocortex_free_bytes", help).with(&[], free as f64));
     }
-    let counted = store.row_counts().await;
+    let (counted, checked) = tokio::join!(
+        tokio::time::timeout(LONGEST_ANSWER, store.row_counts()),
+        tokio::time::timeout(LONGEST_ANSWER, store.check_id()),
+    );
+    let counted = counted.ok().and_then(Result::ok);
     let up = Figure::gauge("isocortex_database_up", "Whether the database answers");
-    figures.push(up.with(&[], f64::from(u8::from(counted.is_ok()))));
-    let Ok(mut counted) = counted else {
+    figures.push(up.with(&[], f64::from(u8::from(counted.is_some()))));
+    let Some(mut counted) = counted else {
         return figures;
     };
+    let help =
+        "Whether the folder or the bucket of the objects answers and belongs to the database";
+    let up = Figure::gauge("isocortex_objects_up", help);
+    let is_up = matches!(checked, Ok(Ok(())));
+    figures.push(up.with(&[], f64::from(u8::from(is_up))));
     let of_pacs = PacsStore::new(store.clone()).counts_by_state().await;
     counted.by_state.extend(of_pacs.unwrap_or_default());
     let help = "Cases that are older than storage.keep_days and are not removed yet";

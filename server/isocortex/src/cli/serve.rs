@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use clap::Args;
@@ -14,7 +14,8 @@ use super::process::{bind, told_to_stop};
 use super::status::{CliError, ExitStatus};
 use super::waiting;
 use crate::config::{Config, ConfigError, Network};
-use crate::{figures, logs, start};
+use crate::figures::{self, CertificateEnds};
+use crate::{logs, start};
 use access::auth::Access;
 use cases::dicom::DicomReader;
 use cases::jobs::start_workers;
@@ -169,6 +170,7 @@ struct Reload {
     tls: Option<ReloadedTls>,
     /// Of C-STORE.
     dimse_tls: Option<ReloadedTls>,
+    certificate_ends: CertificateEnds,
     /// As it was at the start, or at the last signal.
     config: Config,
     watched: [Watched; 3],
@@ -273,7 +275,7 @@ impl Reload {
             Ok(()) => {
                 tracing::info!("{words} were read again");
                 if !matches!(part, Part::Tokens) {
-                    warn_of_certificates(&self.config);
+                    look_at_certificates(&self.config, &self.certificate_ends);
                 }
             }
             Err(error) => {
@@ -293,10 +295,12 @@ impl Reload {
     }
 }
 
-fn warn_of_certificates(config: &Config) {
+/// Warns of those that have ended or soon will, and notes when each ends.
+fn look_at_certificates(config: &Config, ends: &CertificateEnds) {
     for warning in config.certificate_warnings() {
         tracing::warn!("{warning}");
     }
+    *ends.lock().unwrap_or_else(PoisonError::into_inner) = config.certificate_ends();
 }
 
 /// Uses another certificate, if there is one.
@@ -342,7 +346,8 @@ impl Server {
     pub(super) async fn start(config: &Config) -> Result<Option<Self>, CliError> {
         let watched = Part::ALL.map(|part| Watched::new(part, config));
         config.keep_secrets();
-        warn_of_certificates(config);
+        let certificate_ends = CertificateEnds::default();
+        look_at_certificates(config, &certificate_ends);
         let tls = config.tls()?.map(ReloadedTls::new);
         let address = Some(config.http.listen);
         let audit = config.audit()?;
@@ -358,10 +363,12 @@ impl Server {
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
         figures::add_audit(state.metrics(), state.audit());
+        figures::add_ends(state.metrics(), state.access(), &certificate_ends);
         let mut reload = Reload {
             access: state.access().clone(),
             tls: tls.clone(),
             dimse_tls: None,
+            certificate_ends,
             config: config.clone(),
             watched,
         };

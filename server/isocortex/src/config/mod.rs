@@ -21,7 +21,7 @@ use cases::BeforeRemoval;
 use cases::pictures::GraphicsOptions;
 use http::forwarded::TrustedProxies;
 use http::listen::ConnectionLimits;
-use http::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
+use http::tls::{BadTls, ListeningTls, certificate_end, certificate_warning, serving_tls};
 use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress, Opening};
@@ -196,7 +196,7 @@ pub enum ConfigError {
     SameNode,
     /// An application entity title is invalid.
     #[error(
-        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without spaces and backslashes"
+        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
     )]
     Aet,
     /// The address of a peer is none.
@@ -384,6 +384,19 @@ impl Config {
             Some(format!("the certificate in {} {what}", file.display()))
         };
         files.into_iter().flatten().filter_map(warning).collect()
+    }
+
+    /// When the certificate of each listener ends.
+    pub(crate) fn certificate_ends(&self) -> Vec<(&'static str, SystemTime)> {
+        let files = [
+            ("http", &self.http.tls_certificate),
+            ("c-store", &self.pacs.dimse.tls_certificate),
+        ];
+        let end = |(listener, file): (_, &Option<PathBuf>)| {
+            let pem = std::fs::read(file.as_ref()?).ok()?;
+            Some((listener, certificate_end(&pem)?))
+        };
+        files.into_iter().filter_map(end).collect()
     }
 
     /// Begins the record of who does what, if there is a folder for it.

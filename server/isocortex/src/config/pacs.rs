@@ -369,11 +369,20 @@ mod tests {
             let refused = matches!(pacs.dimse(), Err(ConfigError::PeerAddress { .. }));
             assert_ne!(refused, is_right, "{address}");
         }
-        for aet in ["", "A B", "SEVENTEEN-LETTERS", "A\\\\B"] {
+        for (aet, is_right) in [
+            ("CT 1", true),
+            ("", false),
+            (" ", false),
+            (" CT1", false),
+            ("CT1 ", false),
+            ("SEVENTEEN-LETTERS", false),
+            ("A\\\\B", false),
+        ] {
             let pacs = parsed(&format!(
                 "[dimse]\nlisten = \"127.0.0.1:1\"\naet = \"{aet}\""
             ));
-            assert!(matches!(pacs.dimse(), Err(ConfigError::Aet)), "{aet}");
+            let refused = matches!(pacs.dimse(), Err(ConfigError::Aet));
+            assert_ne!(refused, is_right, "{aet}");
         }
     }
 

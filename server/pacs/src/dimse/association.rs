@@ -150,6 +150,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         ignores_other_objects: options.ignores_other_objects,
         may_reject: (caller.peers.iter())
             .any(|peer| peer.may_reject && peer.aet == request.calling_ae_title),
+        peer: &request.calling_ae_title,
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
     };
@@ -228,6 +229,8 @@ struct Messages<'a> {
     ignores_other_objects: bool,
     /// Whether the rejection notes of the peer count.
     may_reject: bool,
+    /// The title of the peer, one of those that are listed.
+    peer: &'a str,
     event: Event,
     /// Whether it is on record that images come.
     is_announced: bool,
@@ -345,7 +348,7 @@ impl Messages<'_> {
             self.arrivals.refused(ArrivalSource::CStore);
         }
         let is_stored = matches!(status, Status::Success | Status::Corrected);
-        self.counts.answered(is_stored);
+        self.counts.answered(is_stored, self.peer);
     }
 
     /// Answers a request, or waits for its data set.

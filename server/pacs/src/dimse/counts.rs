@@ -1,6 +1,9 @@
 //! What happened at the listener since it was started, for metrics.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::SystemTime;
 
 use http::logs::LogRateLimit;
 
@@ -49,6 +52,8 @@ pub struct AssociationCounts {
     logged: [LogRateLimit; Rejection::ALL.len()],
     stored: AtomicU64,
     not_stored: AtomicU64,
+    /// When each peer last sent an image that was stored, by its title. The mutex is held for a look-up.
+    last_images: Mutex<BTreeMap<String, SystemTime>>,
 }
 
 /// An association that is running until this is dropped.
@@ -73,12 +78,18 @@ impl AssociationCounts {
         self.logged[why as usize].count()
     }
 
-    pub(crate) fn answered(&self, is_stored: bool) {
+    /// Counts the answer to an image of a listed peer.
+    pub(crate) fn answered(&self, is_stored: bool, peer: &str) {
         let count = match is_stored {
             true => &self.stored,
             false => &self.not_stored,
         };
         count.fetch_add(1, Ordering::Relaxed);
+        if is_stored {
+            let last = self.last_images.lock();
+            let mut last = last.unwrap_or_else(PoisonError::into_inner);
+            last.insert(peer.to_owned(), SystemTime::now());
+        }
     }
 
     /// Associations now.
@@ -94,6 +105,12 @@ impl AssociationCounts {
     /// Those that were rejected for a reason.
     pub fn rejected(&self, why: Rejection) -> u64 {
         self.rejected[why as usize].load(Ordering::Relaxed)
+    }
+
+    /// When each peer last sent an image that was stored, by its title.
+    pub fn last_images(&self) -> BTreeMap<String, SystemTime> {
+        let last = self.last_images.lock();
+        last.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Images that were answered with success, and with anything else.

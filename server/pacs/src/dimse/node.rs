@@ -57,7 +57,7 @@ pub struct StorageNode {
 pub enum BadStorageNode {
     /// Its title or ours.
     #[error(
-        "an application entity title must be 1 to 16 printable characters without spaces and backslashes"
+        "an application entity title must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
     )]
     Aet,
     #[error("`address` must be a host and a port, such as `pacs.example:104`")]

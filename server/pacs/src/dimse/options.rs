@@ -8,10 +8,10 @@ use crate::dimse::peers::Peer;
 use access::audit::Audit;
 use http::tls::ReloadedTls;
 
-/// Whether a text is an application entity title (PS3.5 §6.2).
+/// Whether a text is an application entity title (PS3.5 §6.2). Spaces at its ends do not count, so it has none there.
 pub fn is_aet(text: &str) -> bool {
-    let allowed = |byte: u8| (b'!'..=b'~').contains(&byte) && byte != b'\\';
-    (1..=16).contains(&text.len()) && text.bytes().all(allowed)
+    let allowed = |byte: u8| (b' '..=b'~').contains(&byte) && byte != b'\\';
+    (1..=16).contains(&text.len()) && text.trim() == text && text.bytes().all(allowed)
 }
 
 /// The options of the listener.
