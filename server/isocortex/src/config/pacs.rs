@@ -461,7 +461,7 @@ mod tests {
             assert_eq!(refused, Some(BadNode::NoService), "{keys:?}");
         }
         for keys in [
-            "aet = \"A B\"\naddress = \"192.0.2.7:104\"",
+            "aet = \"A \"\naddress = \"192.0.2.7:104\"",
             "aet = \"ARCHIVE\"\naddress = \"192.0.2.7\"",
         ] {
             let refused = opened(keys).err();

@@ -528,7 +528,8 @@ mod tests {
             let refused = StorageNode::new(address, "A", "B").err();
             assert_eq!(refused, Some(BadStorageNode::Address), "{address}");
         }
-        for (aet, our_aet) in [("", "B"), ("A", "B C"), ("A", "SEVENTEEN-LETTERS")] {
+        assert!(StorageNode::new("pacs:104", "CT 1", "B").is_ok());
+        for (aet, our_aet) in [("", "B"), ("A", "B "), ("A", "SEVENTEEN-LETTERS")] {
             let refused = StorageNode::new("pacs:104", aet, our_aet).err();
             assert_eq!(refused, Some(BadStorageNode::Aet));
         }
