@@ -187,7 +187,7 @@ async fn rows(store: &Store) -> Vec<Figure> {
     }
     let (counted, checked) = tokio::join!(
         tokio::time::timeout(LONGEST_ANSWER, store.row_counts()),
-        tokio::time::timeout(LONGEST_ANSWER, store.check_id()),
+        tokio::time::timeout(LONGEST_ANSWER, store.id()),
     );
     let counted = counted.ok().and_then(Result::ok);
     let up = Figure::gauge("isocortex_database_up", "Whether the database answers");
@@ -198,7 +198,7 @@ async fn rows(store: &Store) -> Vec<Figure> {
     let help =
         "Whether the folder or the bucket of the objects answers and belongs to the database";
     let up = Figure::gauge("isocortex_objects_up", help);
-    let is_up = matches!(checked, Ok(Ok(())));
+    let is_up = matches!(checked, Ok(Ok(_)));
     figures.push(up.with(&[], f64::from(u8::from(is_up))));
     let of_pacs = PacsStore::new(store.clone()).counts_by_state().await;
     counted.by_state.extend(of_pacs.unwrap_or_default());
