@@ -29,6 +29,7 @@ import {
   readyCase,
   shown,
   skip,
+  speak,
   startStage,
   until,
 } from "./support.ts";
@@ -404,7 +405,7 @@ test(
     assert.equal(await ask.getAttribute("aria-describedby"), "maps-status");
     // In another language the page has words for the reason by its code.
     told = { ...told, reason_code: "coarse-voxels" };
-    await page.locator("#language").selectOption("pt-BR");
+    await speak(page, "pt-BR");
     await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("no máximo 2 mm"));
     await shown(page);
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
@@ -502,7 +503,7 @@ test(
     assert.match((await page.textContent("#live")) ?? "", /Nothing stands out/);
     assert.deepEqual(await violations(page), []);
     await keep(page, "nothing-stands-out");
-    await page.locator("#language").selectOption("pt-BR");
+    await speak(page, "pt-BR");
     await page.getByRole("button", { name: "Listar locais para examinar" }).click();
     await page.locator(".nothing:visible").waitFor();
     assert.match(await page.locator(".regions-doubt").innerText(), /O volume termina dentro do cerebelo\./);

@@ -379,6 +379,22 @@ export async function until<Value>(
   }
 }
 
+/** Opens the settings, chooses there, and closes them. */
+export async function inSettings(page: Page, choose: () => Promise<unknown>): Promise<void> {
+  await page.locator("#settings").click();
+  await choose();
+  await page.keyboard.press("Escape");
+  await page.waitForSelector("dialog.settings", { state: "detached" });
+}
+
+/** Has the page in a language, which loads it again. */
+export async function speak(page: Page, language: string): Promise<void> {
+  if ((await page.locator("html").getAttribute("lang")) === language) return;
+  await page.locator("#settings").click();
+  await page.locator("#language").selectOption(language);
+  await page.waitForSelector(`html[lang=${language}] .app`);
+}
+
 /** Types a depth into its box. */
 export async function typeDepth(page: Page, depth_mm: number): Promise<void> {
   await page.locator("#depth-number").fill(String(depth_mm));

@@ -12,13 +12,15 @@ import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "
 export const TASKS = ["read", "layers", "case", "all"] as const;
 export type Task = (typeof TASKS)[number];
 
+export const THEMES = ["dark", "light"] as const;
+
 /** The width of the list, in CSS pixels. */
 export const LIST_WIDTHS = [200, 520] as const;
 export const boundWidth = (width: number): number => clamp(Math.round(width), ...LIST_WIDTHS);
 
 export interface Preferences {
   readonly language: Language;
-  readonly theme: "dark" | "light";
+  readonly theme: (typeof THEMES)[number];
   readonly drag: DragDirection;
   readonly wheel: WheelUse;
   /** Whether single letters are commands. */
@@ -51,7 +53,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
   }
   return {
     language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
-    theme: stored.theme === "light" ? "light" : "dark",
+    theme: THEMES.find((one) => one === stored.theme) ?? "dark",
     drag: DRAG_DIRECTIONS.find((one) => one === stored.drag) ?? "up-darker",
     wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
     shortcuts: stored.shortcuts !== false,
