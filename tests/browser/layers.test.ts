@@ -239,6 +239,7 @@ test(
       .waitFor();
     const columns = await page.locator(".as-table th[scope=col]").allTextContents();
     assert.deepEqual(columns.slice(3), ["FLAIR", "FLAIR, Mirrored", "PET", "PET, Mirrored"]);
+    await page.locator(".as-table > summary").click();
     const [download] = await Promise.all([
       page.waitForEvent("download"),
       page.getByRole("button", { name: "Save as CSV" }).click(),

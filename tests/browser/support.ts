@@ -216,11 +216,15 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
     for (const routed of [...context.pages(), context]) await routed.unrouteAll({ behavior: "ignoreErrors" });
     await close();
   };
-  // Every control can be reached at once, unless a test is about the tasks of the panel.
+  // The usual controls can be reached at once, unless a test is about the tasks of the panel.
   if (!options.storageState)
     await context.addInitScript(() => {
       // Documents of their own origin, such as saved files, have none.
-      if (origin !== "null") localStorage["isocortex"] ??= JSON.stringify({ task: "all" });
+      if (origin !== "null")
+        localStorage["isocortex"] ??= JSON.stringify({
+          task: "all",
+          unfolded: ["maps", "point", "findings", "layers", "window", "view"].map((one) => `panel.${one}`),
+        });
     });
   const page = await context.newPage();
   const troubles: string[] = [];

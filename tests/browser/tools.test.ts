@@ -285,6 +285,7 @@ test(
     await chart.click({ position: at(15) });
     await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("#surface")?.dataset.depth) > 14);
     assert.ok(Math.abs(Number((await fragment(page)).d) - 15) < 0.5);
+    await page.locator(".as-table > summary").click();
     const table = await download(() => page.getByRole("button", { name: "Save as CSV" }).click());
     assert.equal(table.name, `isocortex-${id.slice(0, 8)}-profile.csv`);
     const [head, ...rows] = table.bytes.toString().trim().split("\r\n");

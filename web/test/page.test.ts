@@ -290,10 +290,11 @@ test("preferences that are damaged are as at first", () => {
     linked_zoom: true,
     panel: true,
     task: "read",
+    unfolded: ["panel.maps", "panel.point", "panel.findings", "panel.layers"],
     reader: "",
     list_width: 260,
   });
-  for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}'])
+  for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3,"unfolded":1}'])
     assert.deepEqual(readPreferences(text, ["en"]), first, text);
   assert.equal(readPreferences('{"theme":"light"}', ["en"]).theme, "light");
 });

@@ -7,7 +7,7 @@ import { ChoiceLine, type OfStore, Section, Slider, Ticked } from "./fields.tsx"
 export function DrawingSection({ store }: OfStore) {
   const { way, ambient, slab_mm, averages_shallow } = store.view.state.value;
   return (
-    <Section title={t("panel.drawing")} data-task="layers">
+    <Section title="panel.drawing" data-task="layers">
       <ChoiceLine
         id="way"
         label={t("way.label")}

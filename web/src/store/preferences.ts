@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 
-import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
 import { clamp } from "../model/state.ts";
 import { plainLine } from "../model/text.ts";
@@ -13,6 +13,9 @@ export const TASKS = ["read", "layers", "case", "all"] as const;
 export type Task = (typeof TASKS)[number];
 
 export const THEMES = ["dark", "light"] as const;
+
+/** The sections of the panel that are unfolded at first. */
+const UNFOLDED: readonly string[] = ["panel.maps", "panel.point", "panel.findings", "panel.layers"] satisfies Key[];
 
 /** The width of the list, in CSS pixels. */
 export const LIST_WIDTHS = [200, 520] as const;
@@ -33,6 +36,8 @@ export interface Preferences {
   readonly panel: boolean;
   /** Whose sections the panel shows. */
   readonly task: Task;
+  /** The names of the sections that are unfolded. */
+  readonly unfolded: readonly string[];
   /** Who reads: the author of new findings; empty: nobody has said. */
   readonly reader: string;
   /** Of the list, in CSS pixels. */
@@ -61,6 +66,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     linked_zoom: stored.linked_zoom !== false,
     panel: stored.panel !== false,
     task: TASKS.find((one) => one === stored.task) ?? "read",
+    unfolded: Array.isArray(stored.unfolded) ? stored.unfolded.filter((one) => typeof one === "string") : UNFOLDED,
     reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
     list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
@@ -87,4 +93,11 @@ export function choose(change: Partial<Preferences>): void {
   } catch {
     // They last until the page is closed, then.
   }
+}
+
+/** Remembers that a section is unfolded, or folded. */
+export function unfold(section: string, isOpen: boolean): void {
+  const { unfolded } = preferences.peek();
+  if (unfolded.includes(section) === isOpen) return;
+  choose({ unfolded: isOpen ? [...unfolded, section] : unfolded.filter((one) => one !== section) });
 }
