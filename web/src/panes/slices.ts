@@ -4,7 +4,7 @@ import { h, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
-import { overlayWords, titleWords } from "./overlay.ts";
+import { thresholdWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
@@ -225,7 +225,7 @@ export class SlicePane extends PlanePane {
     const layer = this.#role ? state.layer?.about?.title : state.layer && titleWords(state.layer.about);
     const own = this.#role && !this.#role.isLayer ? t("value.own") : "";
     const image = layer && !edges ? layer : own || imageWords(this.shown, this.plane, this.#center(state));
-    const over = this.#role?.isLayer && state.overlay && !edges ? overlayWords(state.overlay) : "";
+    const over = this.#role?.isLayer && state.overlay && !edges ? thresholdWords(state.overlay) : "";
     const convention = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
     const badge = this.#role ? this.#role.words(this.#center(state)) : convention;
     const more = [image, over, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");
