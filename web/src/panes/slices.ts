@@ -135,8 +135,8 @@ export class SlicePane extends PlanePane {
     if (!state) return null;
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, ratio, MOST_SAVED_PIXELS));
-    // The server draws no edges, and no layer where the hand has moved it.
-    const isOwn = this.element.dataset.edges || (state.layer ?? state.overlay)?.moved;
+    // In more pixels it is the server's; but that draws no edges, and no layer where the hand has moved it.
+    const isOwn = ratio === devicePixelRatio || this.element.dataset.edges || (state.layer ?? state.overlay)?.moved;
     const own = isOwn ? await this.#draw({ ...state, swipe: null }, view) : null;
     const picture = own ?? (await served({ path }));
     return { element: this.frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
