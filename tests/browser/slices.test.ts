@@ -239,11 +239,11 @@ test(
     assert.equal(await page.locator(".slice.axial .cursor.mark").isVisible(), true);
     await keep(page, "slices-centred");
     await page.keyboard.press("o");
-    await inSettings(page, () => page.locator("#linked-zoom").uncheck());
+    await inSettings(page, () => page.locator("#linked_zoom").uncheck());
     await zoom("coronal");
     const apart = await until(scales, (now) => new Set(now).size > 1);
     assert.deepEqual([apart[0], apart[2]], [together[0], together[2]]);
-    await inSettings(page, () => page.locator("#linked-zoom").check());
+    await inSettings(page, () => page.locator("#linked_zoom").check());
     const again = await until(scales, (now) => new Set(now).size === 1);
     assert.deepEqual(again, [apart[1], apart[1], apart[1]]);
   },

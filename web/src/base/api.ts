@@ -1,7 +1,7 @@
 // The server's interface. A token lives in this module's memory alone.
 
 import type { Case, ProblemBody } from "../model/case.ts";
-import type { Layer, LayerList } from "../model/layers.ts";
+import type { LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
 import { wait } from "./patience.ts";
@@ -296,7 +296,7 @@ export async function getDicom(id: string): Promise<Readonly<Record<string, stri
 }
 
 /** How many bytes of an upload are sent. */
-export interface UploadProgress {
+interface UploadProgress {
   readonly loaded: number;
   readonly total: number;
 }
@@ -308,26 +308,14 @@ export interface Uploaded<Made = Case> {
   readonly wasThere: boolean;
 }
 
-/** Uploads a form and resolves to the case; `observe` gets the bytes sent, which fetch cannot report. */
-export const uploadCase = (
-  form: FormData,
-  signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
-): Promise<Uploaded> => upload("v1/cases", form, signal, observe);
+export type Observe = (progress: UploadProgress) => void;
 
-/** The same of a layer of a case. */
-export const uploadLayer = (
-  id: string,
-  form: FormData,
-  signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
-): Promise<Uploaded<Layer>> => upload(`v1/cases/${id}/layers`, form, signal, observe);
-
-async function upload<Made>(
+/** Uploads a form and resolves to the case, or layer, that it makes; `observe` gets the bytes sent, which fetch cannot report. */
+export async function upload<Made>(
   path: string,
   form: FormData,
   signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
+  observe: Observe,
 ): Promise<Uploaded<Made>> {
   for (;;) {
     const sent = token;
@@ -339,12 +327,7 @@ async function upload<Made>(
   }
 }
 
-function postForm<Made>(
-  path: string,
-  form: FormData,
-  signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
-): Promise<Uploaded<Made>> {
+function postForm<Made>(path: string, form: FormData, signal: AbortSignal, observe: Observe): Promise<Uploaded<Made>> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open("POST", path);

@@ -18,7 +18,7 @@ export interface Key {
 
 /** How far an arrow turns and moves the head, in pixels of a drag over a pane whose smaller side is 1000. */
 export const ARROW_PIXELS = 40;
-const ARROWS: Readonly<Record<string, Vec2>> = {
+export const ARROWS: Readonly<Record<string, Vec2>> = {
   ArrowLeft: [-ARROW_PIXELS, 0],
   ArrowRight: [ARROW_PIXELS, 0],
   ArrowUp: [0, -ARROW_PIXELS],

@@ -8,7 +8,6 @@ import { CERTAINTIES, type Finding, LONGEST_LABEL, LONGEST_NOTE, middleOf, numbe
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import { excessOf, plainLine, plainText } from "../model/text.ts";
 import { goToFinding } from "../store/bring.ts";
-import type { Findings } from "../store/findings.ts";
 import { mayWrite } from "../store/holder.ts";
 import { choose, preferences } from "../store/preferences.ts";
 import {
@@ -137,11 +136,8 @@ function FindingRow({ store, finding, at }: OfStore & { readonly finding: Findin
 }
 
 /** What is written about the finding that is unfolded, and how it is shown. */
-function Fields({
-  store: { findings },
-  finding,
-  name,
-}: OfStore & { readonly finding: Finding; readonly name: string }) {
+function Fields({ store, finding, name }: OfStore & { readonly finding: Finding; readonly name: string }) {
+  const { findings } = store;
   const { id, label, certainty, colour, is_dismissed, is_unconfirmed } = finding;
   const gyrus = gyrusWords(finding.gyrus);
   const where = [
@@ -184,7 +180,7 @@ function Fields({
             onChoose={(one) => findings.rate(id, one === "" ? undefined : one)}
           />
         </Line>
-        <Note findings={findings} finding={finding} label={`${name}: ${t("findings.note")}`} />
+        <Note store={store} finding={finding} label={`${name}: ${t("findings.note")}`} />
       </Writing>
       <Line label={t("findings.colour")}>
         <Writing>
@@ -213,14 +209,10 @@ function Fields({
 
 /** What is written about a finding. What is too long stays as it is typed, to be shortened by hand. */
 function Note({
-  findings,
+  store: { findings },
   finding,
   label,
-}: {
-  readonly findings: Findings;
-  readonly finding: Finding;
-  readonly label: string;
-}) {
+}: OfStore & { readonly finding: Finding; readonly label: string }) {
   const { id, note } = finding;
   const field = useRef<HTMLTextAreaElement>(null);
   const [excess, setExcess] = useState(0);

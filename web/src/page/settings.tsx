@@ -2,7 +2,7 @@
 
 import { useState } from "preact/hooks";
 
-import { LANGUAGES, isLanguage, number, t } from "../base/i18n.ts";
+import { type Key, LANGUAGES, isLanguage, number, t } from "../base/i18n.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
 import { readDepths } from "../model/query.ts";
 import { CONVENTIONS, boundOutlines, clampDepth } from "../model/state.ts";
@@ -11,6 +11,13 @@ import { THEMES, choose, preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 import { open } from "./dialogs.tsx";
 import { LabelledChoice, Line, type OfStore, Ticked, Typed } from "./fields.tsx";
+
+/** What is chosen by a word; the colours of the page come first. */
+const CHOICES: readonly (readonly ["theme" | "wheel" | "drag", readonly string[]])[] = [
+  ["theme", THEMES],
+  ["wheel", WHEEL_USES],
+  ["drag", DRAG_DIRECTIONS],
+];
 
 /** Shows the settings; those of slices and of the sweep if a case is open. */
 export function settingsDialog(store: Store | undefined): void {
@@ -26,59 +33,46 @@ export function settingsDialog(store: Store | undefined): void {
 }
 
 function OfPage() {
-  const { language, theme, wheel, drag, shortcuts } = preferences.value;
+  // In a frame, language and colours are those of the page around it.
+  const isOwn = parent === window;
   return (
     <>
-      {/* In a frame, they are those of the page around it. */}
-      {parent === window && (
-        <>
-          <LabelledChoice
-            isInline
-            id="language"
-            label={t("language")}
-            values={Object.keys(LANGUAGES).filter(isLanguage)}
-            value={language}
-            words={(one) => LANGUAGES[one]}
-            onChoose={(one) => choose({ language: one })}
-          />
-          <LabelledChoice
-            isInline
-            id="theme"
-            label={t("theme.label")}
-            values={THEMES}
-            value={theme}
-            words={(one) => t(`theme.${one}`)}
-            onChoose={(one) => choose({ theme: one })}
-          />
-        </>
+      {isOwn && (
+        <LabelledChoice
+          isInline
+          id="language"
+          label={t("language")}
+          values={Object.keys(LANGUAGES).filter(isLanguage)}
+          value={preferences.value.language}
+          words={(one) => LANGUAGES[one]}
+          onChoose={(language) => choose({ language })}
+        />
       )}
-      <LabelledChoice
-        isInline
-        id="wheel"
-        label={t("wheel.label")}
-        values={WHEEL_USES}
-        value={wheel}
-        words={(one) => t(`wheel.${one}`)}
-        onChoose={(one) => choose({ wheel: one })}
-      />
-      <LabelledChoice
-        isInline
-        id="drag"
-        label={t("drag.label")}
-        values={DRAG_DIRECTIONS}
-        value={drag}
-        words={(one) => t(`drag.${one}`)}
-        onChoose={(one) => choose({ drag: one })}
-      />
-      <Ticked
-        id="shortcuts"
-        words={t("shortcuts.label")}
-        checked={shortcuts}
-        onTick={(isTicked) => choose({ shortcuts: isTicked })}
-      />
+      {CHOICES.slice(isOwn ? 0 : 1).map(([name, values]) => (
+        <LabelledChoice
+          key={name}
+          isInline
+          id={name}
+          label={t(`${name}.label`)}
+          values={values}
+          value={preferences.value[name]}
+          words={(one) => t(`${name}.${one}` as Key)}
+          onChoose={(one) => choose({ [name]: one })}
+        />
+      ))}
+      <Tick name="shortcuts" />
     </>
   );
 }
+
+const Tick = ({ name }: { readonly name: "shortcuts" | "linked_zoom" }) => (
+  <Ticked
+    id={name}
+    words={t(`${name}.label`)}
+    checked={preferences.value[name]}
+    onTick={(isTicked) => choose({ [name]: isTicked })}
+  />
+);
 
 function OfSlices({ store }: OfStore) {
   return (
@@ -93,12 +87,7 @@ function OfSlices({ store }: OfStore) {
         words={(name) => t(`convention.${name}`)}
         onChoose={(name) => store.change({ convention: name }, true)}
       />
-      <Ticked
-        id="linked-zoom"
-        words={t("zoom.linked")}
-        checked={preferences.value.linked_zoom}
-        onTick={(linked_zoom) => choose({ linked_zoom })}
-      />
+      <Tick name="linked_zoom" />
       <Outlines store={store} />
     </>
   );
@@ -107,8 +96,6 @@ function OfSlices({ store }: OfStore) {
 /** The depths whose outlines slices show. */
 function Outlines({ store }: OfStore) {
   const [isUnread, setUnread] = useState(false);
-  const { outlines_mm } = store.view.state.value;
-  const written = outlines_mm.join(", ");
   return (
     <Line label={t("outlines.label")}>
       <Typed
@@ -117,7 +104,7 @@ function Outlines({ store }: OfStore) {
         placeholder="0, 20"
         aria-label={t("outlines.label")}
         aria-invalid={isUnread}
-        value={written}
+        value={store.view.state.value.outlines_mm.join(", ")}
         onLeave={(typed) => {
           const depths = typed.trim() ? readDepths(typed, clampDepth(Infinity, store.shown)) : [];
           // What cannot be read stays to be corrected, and changes nothing.

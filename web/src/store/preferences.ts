@@ -3,6 +3,7 @@
 import { signal } from "@preact/signals";
 
 import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
 import { clamp } from "../model/state.ts";
 import { plainLine } from "../model/text.ts";
@@ -72,27 +73,14 @@ export function readPreferences(text: string | null, preferred: readonly string[
   };
 }
 
-function loadPreferences(): Preferences {
-  let text: string | null = null;
-  try {
-    text = localStorage.getItem(KEY);
-  } catch {
-    // A browser may forbid it.
-  }
-  return readPreferences(text, globalThis.navigator?.languages ?? []);
-}
-
-export const preferences = signal(loadPreferences());
+export const preferences = signal(
+  readPreferences(keptText("localStorage", KEY), globalThis.navigator?.languages ?? []),
+);
 
 /** Takes a preference over; in a frame beside another case it is one of the frame alone. */
 export function choose(change: Partial<Preferences>): void {
   preferences.value = { ...preferences.peek(), ...change };
-  if (parent !== window) return;
-  try {
-    localStorage.setItem(KEY, JSON.stringify(preferences.peek()));
-  } catch {
-    // They last until the page is closed, then.
-  }
+  if (parent === window) keep("localStorage", KEY, preferences.peek());
 }
 
 /** Remembers that a section is unfolded, or folded. */
