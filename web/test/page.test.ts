@@ -292,7 +292,7 @@ test("preferences that are damaged are as at first", () => {
     task: "read",
     unfolded: ["panel.maps", "panel.point", "panel.findings", "panel.layers"],
     reader: "",
-    list_width: 260,
+    list_width: 272,
   });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3,"unfolded":1}'])
     assert.deepEqual(readPreferences(text, ["en"]), first, text);

@@ -308,6 +308,7 @@ export interface Uploaded<Made = Case> {
   readonly wasThere: boolean;
 }
 
+/** Hears how far a form is sent. */
 export type Observe = (progress: UploadProgress) => void;
 
 /** Uploads a form and resolves to the case, or layer, that it makes; `observe` gets the bytes sent, which fetch cannot report. */

@@ -22,6 +22,10 @@ export function PointSection({ store }: OfStore) {
   const words = point.words.value;
   const known = words ? (point.isDeep.value ? t("point.deep") : "") : t("point.hint");
   const isAcross = useComputed(() => view.state.value.across_deg !== null && hasSlices(view.state.value));
+  const turn = (): void => {
+    const { crosshair_mm: mark } = view.now;
+    if (mark) bring(store, mark, store.surface?.wholeDepth(mark) ?? null);
+  };
   // Beside an open place of a list the chart stands there.
   const isAtPlace = places.lists.some(({ open }) => open.value !== null);
   return (
@@ -37,7 +41,17 @@ export function PointSection({ store }: OfStore) {
               </>
             ))}
           </dl>
-          <Tools store={store} isAcross={isAcross.value} />
+          <Row>
+            <Button
+              aria-keyshortcuts={keyOf(({ kind }) => kind === "across")}
+              aria-pressed={isAcross.value}
+              onClick={() => perform(store, { kind: "across" })}
+            >
+              {t("across.show")}
+            </Button>
+            <Button onClick={turn}>{t("point.turn")}</Button>
+            <IconButton icon="trash" label={t("point.forget")} onClick={() => store.forgetCross()} />
+          </Row>
           {!isAtPlace && <Chart store={store} />}
         </>
       ) : (
@@ -46,25 +60,5 @@ export function PointSection({ store }: OfStore) {
         </Row>
       )}
     </Section>
-  );
-}
-
-function Tools({ store, isAcross }: OfStore & { readonly isAcross: boolean }) {
-  const turn = (): void => {
-    const { crosshair_mm: mark } = store.view.now;
-    if (mark) bring(store, mark, store.surface?.wholeDepth(mark) ?? null);
-  };
-  return (
-    <Row>
-      <Button
-        aria-keyshortcuts={keyOf(({ kind }) => kind === "across")}
-        aria-pressed={isAcross}
-        onClick={() => perform(store, { kind: "across" })}
-      >
-        {t("across.show")}
-      </Button>
-      <Button onClick={turn}>{t("point.turn")}</Button>
-      <IconButton icon="trash" label={t("point.forget")} onClick={() => store.forgetCross()} />
-    </Row>
   );
 }

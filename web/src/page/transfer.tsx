@@ -6,8 +6,6 @@ import { useMemo } from "preact/hooks";
 import type { Observe } from "../base/api.ts";
 import { number, t } from "../base/i18n.ts";
 
-/** Hears how far a form is sent. */
-
 /** Files on their way. */
 export class Sending {
   readonly isBusy = signal(false);

@@ -46,7 +46,7 @@ export interface Preferences {
 }
 
 const KEY = "isocortex";
-const LIST_WIDTH = 260;
+const LIST_WIDTH = 272;
 
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
