@@ -549,7 +549,8 @@ test("slices are radiological until the other convention is chosen, and say whic
   assert.equal(await letters(".slice.sagittal"), "A P S I");
   assert.equal(await text(".slice.axial .badge"), "Radiological");
   await inSettings(page, () => page.locator("#convention").selectOption("neurological"));
-  await page.waitForSelector(".slice.axial .slice-image.flipped", { state: "attached" });
+  for (const plane of ["axial", "coronal"])
+    await page.waitForSelector(`.slice.${plane} .slice-image.flipped`, { state: "attached" });
   assert.equal(await letters(".slice.axial"), "L R A P");
   assert.equal(await text(".slice.coronal .badge"), "Neurological");
   assert.equal(await page.locator(".slice.sagittal .badge").isVisible(), false);
