@@ -79,6 +79,7 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   await page.locator(".finding-note").fill("the last sentence");
   const report = await saved(page, "Save the report");
   assert.match(await readFile(report, "utf8"), /&lt;b&gt;thick&lt;\/b&gt; gyrus[^]*the last sentence/);
+  await page.getByText("Other files").click();
   await page.locator("#findings-format").selectOption({ label: "JSON" });
   const list = await saved(page, "Save the findings");
   const pdf = await saved(page, "PDF");
@@ -286,15 +287,13 @@ test(
     assert.equal(await own.page.locator("#add, #case-list li > button").count(), 0);
     await add(other.page);
     await other.page.locator(".finding-label").last().fill("seen by both");
-    const label = own.page.locator(".finding-label").last();
-    await until(
-      async () => ((await label.count()) > 0 ? label.inputValue() : ""),
-      (words) => words === "seen by both",
-    );
-    assert.deepEqual(
-      [await label.isDisabled(), await own.page.locator(".finding-name").last().isEnabled()],
-      [true, true],
-    );
+    // Of a row that is not unfolded there are the name and the label alone.
+    const row = own.page.locator(".findings li", { hasText: "seen by both" });
+    await row.waitFor();
+    assert.equal(await row.locator("button, input, select, textarea").count(), 1);
+    await row.locator(".finding-name").click();
+    await own.page.waitForSelector(".finding-label:disabled");
+    assert.equal(await own.page.locator(".finding-label").inputValue(), "seen by both");
     for (const { troubles, context } of [own, other]) {
       assert.deepEqual(troubles, []);
       await context.close();

@@ -14,10 +14,12 @@ import {
   type Stage,
   type Watched,
   fragment,
+  inSettings,
   keep,
   openPage,
   shown,
   skip,
+  speak,
   startStage,
   until,
 } from "./support.ts";
@@ -237,6 +239,7 @@ test(
       .waitFor();
     const columns = await page.locator(".as-table th[scope=col]").allTextContents();
     assert.deepEqual(columns.slice(3), ["FLAIR", "FLAIR, Mirrored", "PET", "PET, Mirrored"]);
+    await page.locator(".as-table > summary").click();
     const [download] = await Promise.all([
       page.waitForEvent("download"),
       page.getByRole("button", { name: "Save as CSV" }).click(),
@@ -253,7 +256,7 @@ test(
     assert.equal(asked.length, 1, asked.join("\n"));
     await page.locator(".profile").scrollIntoViewIfNeeded();
     await keep(page, "profile-layers");
-    await page.locator("#language").selectOption("pt-BR");
+    await speak(page, "pt-BR");
     await page.waitForFunction(() =>
       document.querySelector(".junction-width")?.textContent?.includes("2,3 mm, espelhado menos de 1 mm"),
     );
@@ -307,15 +310,13 @@ test(
     const [flair, pet] = [await named("FLAIR"), await named("PET")];
     const { page, troubles } = await opened(`&y=${flair.id}&b=${pet.id},3000,0.6`);
     for (const language of ["pt-BR", "en"]) {
-      await page.locator("#language").selectOption(language);
-      await page.waitForSelector(`html[lang=${language}]`);
+      await speak(page, language);
       await shown(page);
       await settled(page, 3);
       await drawn(page, "overlay", pet.id);
       await page.click(".add-layer > summary");
       for (const theme of ["light", "dark"]) {
-        if ((await page.locator("html").getAttribute("data-theme")) !== theme)
-          await page.locator(".bar .icon-button").nth(1).click();
+        await inSettings(page, () => page.locator("#theme").selectOption(theme));
         assert.deepEqual(await violations(page), [], `${language} ${theme}`);
         await page.locator(".added").scrollIntoViewIfNeeded();
         await keep(page, `layers-${language}-${theme}`);

@@ -29,6 +29,7 @@ import {
   readyCase,
   shown,
   skip,
+  speak,
   startStage,
   until,
 } from "./support.ts";
@@ -202,6 +203,7 @@ test(
     };
     const { junction_by_depth, junction_poorly_met } = list;
     const bands = junction_by_depth.filter(({ places }) => places > 0);
+    await page.locator(".slant > summary").click();
     assert.deepEqual(
       await page.locator(".slant meter").evaluateAll((bars: HTMLMeterElement[]) => bars.map((bar) => bar.ariaLabel)),
       bands.map(({ from_mm, to_mm, slanted_share }) => {
@@ -238,7 +240,7 @@ test(
 );
 
 test(
-  "a place of the list is turned to, its depth is gone to and it is marked; mirror and slices open beside it",
+  "a place of the list is turned to, its depth is gone to and it is marked, in any layout",
   { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
@@ -260,11 +262,7 @@ test(
       rows.join(),
     );
     assert.equal(await page.locator(".candidates .candidate[tabindex='0']").count(), 1, "one stop of the tabulator");
-    for (const [at, beside] of [
-      [0, ""],
-      [1, "With slices"],
-      [2, "Mirror"],
-    ] as const) {
+    for (const [at, layout] of (["single", "slices", "mirror"] as const).entries()) {
       const wanted = candidates[at];
       assert.ok(wanted);
       const item = page.locator(".candidates tr.place").nth(at);
@@ -272,7 +270,7 @@ test(
       assert.equal(await dot.getAttribute("aria-label"), "not looked at yet");
       // The whole row is to be clicked on.
       await item.locator("td:visible").nth(2).click();
-      if (beside) await page.locator(".candidates .why").getByRole("button", { name: beside, exact: true }).click();
+      await page.locator(`.layouts button[value=${layout}]`).click();
       assert.equal(await dot.getAttribute("aria-label"), "looked at");
       const { x, d, l, f } = await fragment(page);
       assert.deepEqual(
@@ -344,7 +342,7 @@ test(
     // A mark that is set elsewhere closes the place; its chart stands with the point again. The place itself is in the middle of its view.
     await page.keyboard.press("Enter");
     await page.getByRole("button", { name: "Superior", exact: true }).click();
-    await page.getByRole("button", { name: "Mark the centre" }).click();
+    await page.locator("#surface").press("Enter");
     await why.waitFor({ state: "detached" });
     await page.locator(".place-chart .chart").waitFor({ state: "detached" });
     await page.locator(".panel .group .chart").waitFor();
@@ -404,7 +402,7 @@ test(
     assert.equal(await ask.getAttribute("aria-describedby"), "maps-status");
     // In another language the page has words for the reason by its code.
     told = { ...told, reason_code: "coarse-voxels" };
-    await page.locator("#language").selectOption("pt-BR");
+    await speak(page, "pt-BR");
     await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("no máximo 2 mm"));
     await shown(page);
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
@@ -457,8 +455,19 @@ test(
     assert.equal(await places.nth(1).locator(".dot").getAttribute("aria-label"), "dismissed");
     await page.keyboard.press(",");
     await page.waitForSelector(".candidates tr:nth-child(1)[aria-current=true]");
-    await judge("Keep as a finding").click();
+    await page.keyboard.press("Shift+K");
     assert.equal(await places.nth(0).locator(".dot").getAttribute("aria-label"), "kept as a finding");
+    // It is written about at once; then keys are the picture's again, and go from finding to finding.
+    await page.waitForSelector(".finding-label:focus");
+    await page.keyboard.press("Escape");
+    assert.equal(await page.locator(".finding-label").count(), 1);
+    await page.keyboard.press("Shift+U");
+    await page.waitForSelector(".findings [aria-current=true].dismissed");
+    await page.waitForSelector(".candidates tr:nth-child(2)[aria-current=true]");
+    await page.keyboard.press("Shift+D");
+    await page.keyboard.press("Shift+J");
+    await page.waitForSelector(".findings [aria-current=true]:not(.dismissed)");
+    assert.equal(await page.locator(".findings li").count(), 2);
     const stored = () => findingsOf(server, id);
     assert.deepEqual(
       (await until(stored, (list) => list.length === 2)).map(({ from_map, is_dismissed }) => [from_map, is_dismissed]),
@@ -502,7 +511,7 @@ test(
     assert.match((await page.textContent("#live")) ?? "", /Nothing stands out/);
     assert.deepEqual(await violations(page), []);
     await keep(page, "nothing-stands-out");
-    await page.locator("#language").selectOption("pt-BR");
+    await speak(page, "pt-BR");
     await page.getByRole("button", { name: "Listar locais para examinar" }).click();
     await page.locator(".nothing:visible").waitFor();
     assert.match(await page.locator(".regions-doubt").innerText(), /O volume termina dentro do cerebelo\./);

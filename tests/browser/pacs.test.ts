@@ -194,11 +194,13 @@ test(
     await page.getByLabel("With the name of the patient").check();
     assert.match(await readFile(await saved("Save the report"), "utf8"), /Müller/);
 
+    await page.getByText("Other files").click();
     await page.locator("#findings-format").selectOption({ label: "DICOM report (SR)" });
     const report = await saved("Save the findings");
     await page.getByRole("button", { name: /^Remove 1/ }).click();
     await page.locator("#findings-file").setInputFiles({ name: "a.dcm", mimeType: "", buffer: await readFile(report) });
     await page.getByText("Added from the file: 1").waitFor();
+    await page.locator(".finding-name").click();
     assert.equal(await page.locator(".finding-label").inputValue(), "thick gyrus");
     await page.getByRole("button", { name: /^Remove 1/ }).click();
     assert.deepEqual(watched.troubles, []);
@@ -233,6 +235,7 @@ test(
     const { page } = watched;
     await page.goto(`${server.address}#${other}`);
     await shown(page);
+    await page.getByText("Other files").click();
     await page.getByRole("button", { name: "Take over from another case" }).click();
     const agree = page.getByRole("button", { name: "Take over", exact: true });
     assert.ok(await agree.isDisabled());
@@ -246,6 +249,7 @@ test(
     await keep(page, "take-over");
     await agree.click();
     await page.getByText("Taken over, not confirmed").waitFor();
+    await page.locator(".finding-name").click();
     const [taken] = await findingsOf(server, other);
     assert.deepEqual(
       [taken?.label, taken?.points_in_patient, taken?.is_unconfirmed],

@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 
 import { brainMask, markedVolume } from "./phantom.ts";
-import { type Server, type Stage, keep, openPage, shown, skip, startStage } from "./support.ts";
+import { type Server, type Stage, keep, openPage, shown, skip, speak, startStage } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 const SIZES = [
@@ -103,8 +103,7 @@ test("nothing is cut off or covered in any size, language and theme", { skip, ti
     ["en", "slices"],
     ["pt-BR", "both"],
   ] as const) {
-    await page.locator("#language").selectOption(language);
-    await page.waitForSelector(`html[lang=${language}]`);
+    await speak(page, language);
     await shown(page);
     await page.locator(`.layouts button[value=${layout}]`).click();
     await page.waitForSelector(".slice[data-way]");

@@ -216,11 +216,15 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
     for (const routed of [...context.pages(), context]) await routed.unrouteAll({ behavior: "ignoreErrors" });
     await close();
   };
-  // Every control can be reached at once, unless a test is about the tasks of the panel.
+  // The usual controls can be reached at once, unless a test is about the tasks of the panel.
   if (!options.storageState)
     await context.addInitScript(() => {
       // Documents of their own origin, such as saved files, have none.
-      if (origin !== "null") localStorage["isocortex"] ??= JSON.stringify({ task: "all" });
+      if (origin !== "null")
+        localStorage["isocortex"] ??= JSON.stringify({
+          task: "all",
+          unfolded: ["maps", "point", "findings", "layers", "window", "view"].map((one) => `panel.${one}`),
+        });
     });
   const page = await context.newPage();
   const troubles: string[] = [];
@@ -377,6 +381,22 @@ export async function until<Value>(
     if (isGood(value) || Date.now() > deadline) return value;
     await new Promise((resolve) => setTimeout(resolve, 50));
   }
+}
+
+/** Opens the settings, chooses there, and closes them. */
+export async function inSettings(page: Page, choose: () => Promise<unknown>): Promise<void> {
+  await page.locator("#settings").click();
+  await choose();
+  await page.keyboard.press("Escape");
+  await page.waitForSelector("dialog.settings", { state: "detached" });
+}
+
+/** Has the page in a language, which loads it again. */
+export async function speak(page: Page, language: string): Promise<void> {
+  if ((await page.locator("html").getAttribute("lang")) === language) return;
+  await page.locator("#settings").click();
+  await page.locator("#language").selectOption(language);
+  await page.waitForSelector(`html[lang=${language}] .app`);
 }
 
 /** Types a depth into its box. */

@@ -11,6 +11,7 @@ import {
   type Stage,
   type Watched,
   fragment,
+  inSettings,
   keep,
   openPage,
   readyCase,
@@ -157,10 +158,11 @@ test(
       assert.ok(Number(other) < middle / 2 - 5, `${plane}: ${other} of ${middle}, the point at ${own}`);
     }
     assert.equal(await twin("sagittal").count(), 0, "it is on the other side of the head");
-    await unfold("Drawing");
     const asked = page.waitForRequest((request) => /slices\/axial.*depth_mm=10%2C0%2C20/.test(request.url()));
-    await page.locator("#outlines").fill("20, 0, 20");
-    await page.keyboard.press("Enter");
+    await inSettings(page, async () => {
+      await page.locator("#outlines").fill("20, 0, 20");
+      await page.locator("#outlines").press("Tab");
+    });
     await asked;
     // The legend comes with its picture.
     const legend = await until(
@@ -283,6 +285,7 @@ test(
     await chart.click({ position: at(15) });
     await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("#surface")?.dataset.depth) > 14);
     assert.ok(Math.abs(Number((await fragment(page)).d) - 15) < 0.5);
+    await page.locator(".as-table > summary").click();
     const table = await download(() => page.getByRole("button", { name: "Save as CSV" }).click());
     assert.equal(table.name, `isocortex-${id.slice(0, 8)}-profile.csv`);
     const [head, ...rows] = table.bytes.toString().trim().split("\r\n");
@@ -302,12 +305,13 @@ test(
   { skip, timeout: 600_000 },
   async () => {
     await open();
-    const sweep = await unfold("Sweep");
-    await sweep.locator("#sweep-from").fill("12");
-    await sweep.locator("#sweep-to").fill("9.5");
-    await page.keyboard.press("Enter");
-    assert.equal(await sweep.locator("#sweep-from").inputValue(), "9.5", "its ends are put in order");
-    await sweep.locator("#sweep-speed").selectOption("20");
+    await inSettings(page, async () => {
+      await page.locator("#sweep-from").fill("12");
+      await page.locator("#sweep-to").fill("9.5");
+      await page.locator("#sweep-to").press("Tab");
+      assert.equal(await page.locator("#sweep-from").inputValue(), "9.5", "its ends are put in order");
+      await page.locator("#sweep-speed").selectOption("20");
+    });
     const section = await unfold("Save and share");
     await section.getByRole("button", { name: "Sheet, turn or sweep" }).click();
     const dialog = page.locator("dialog.series");

@@ -9,7 +9,7 @@ import type { Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { type Demo, type Hands, startDemo } from "./hands.ts";
-import { type Watched, fragment, keep, shown, skip, typeDepth, until } from "./support.ts";
+import { type Watched, fragment, inSettings, keep, shown, skip, speak, typeDepth, until } from "./support.ts";
 
 let demo: Demo | undefined;
 let watched: Watched;
@@ -104,15 +104,11 @@ test("shift or the middle button moves, the right button changes the window", { 
   assert.equal(width, wider);
   assert.ok(darker < level, "downwards is a lower level, which is brighter");
   // The direction is a setting.
-  await page.locator(".bar .icon-button").last().click();
-  await page.locator("#drag").selectOption("up-brighter");
-  await page.keyboard.press("Escape");
+  await inSettings(page, () => page.locator("#drag").selectOption("up-brighter"));
   await drag(0, 100, "right");
   const [back = NaN] = (await fragment(page)).w?.split(",").map(Number) ?? [];
   assert.ok(back > darker, `${back} after ${darker}`);
-  await page.locator(".bar .icon-button").last().click();
-  await page.locator("#drag").selectOption("up-darker");
-  await page.keyboard.press("Escape");
+  await inSettings(page, () => page.locator("#drag").selectOption("up-darker"));
 });
 
 test("every key of the help does what it says", { skip, timeout: 600_000 }, async () => {
@@ -167,15 +163,11 @@ test("every key of the help does what it says", { skip, timeout: 600_000 }, asyn
 
 test("single letters can be switched off", { skip }, async () => {
   await reset();
-  await page.locator(".bar .icon-button").last().click();
-  await page.locator("#shortcuts").uncheck();
-  await page.locator("dialog.help button[value=close]").click();
+  await inSettings(page, () => page.locator("#shortcuts").uncheck());
   await page.locator("#stage").focus();
   await page.keyboard.press("Shift+S");
   assert.equal((await fragment(page)).v, undefined);
-  await page.locator(".bar .icon-button").last().click();
-  await page.locator("#shortcuts").check();
-  await page.keyboard.press("Escape");
+  await inSettings(page, () => page.locator("#shortcuts").check());
 });
 
 test("everything that a drag does a button does as well", { skip }, async () => {
@@ -477,9 +469,8 @@ test(
   "Portuguese and the light theme are chosen once and kept, and nothing of the case is stored",
   { skip },
   async () => {
-    await page.locator("#language").selectOption("pt-BR");
+    await speak(page, "pt-BR");
     await page.waitForSelector(".layouts >> text=Espelho");
-    assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
     const notice = page.locator("#surface .overlay:not(.other) .pane-notice");
     assert.equal(await notice.innerText(), "Somente para pesquisa. Não se destina a diagnóstico.");
     for (const typed of ["14,5", "14.5"]) {
@@ -487,7 +478,7 @@ test(
       await page.keyboard.press("Enter");
       assert.equal(await page.locator("#depth-number").inputValue(), "14,5", typed);
     }
-    await page.getByRole("button", { name: "Claro ou escuro" }).click();
+    await inSettings(page, () => page.locator("#theme").selectOption("light"));
     await page.reload();
     await page.waitForSelector("html[data-theme=light] .layouts >> text=De perto");
     const stored = await page.evaluate(() => JSON.stringify(localStorage));
@@ -501,13 +492,11 @@ test(
   async () => {
     const check = async (where: string): Promise<void> => assert.deepEqual(await violations(page), [], where);
     for (const language of ["pt-BR", "en"]) {
-      await page.locator("#language").selectOption(language);
-      await page.waitForSelector(`html[lang=${language}]`);
+      await speak(page, language);
       await shown(page);
       await page.waitForSelector("#surface[data-drawn=true]");
       for (const theme of ["light", "dark"]) {
-        if ((await page.locator("html").getAttribute("data-theme")) !== theme)
-          await page.locator(".bar .icon-button").nth(1).click();
+        await inSettings(page, () => page.locator("#theme").selectOption(theme));
         await page.locator("#surface").focus();
         await page.locator(".layouts button[value=slices]").click();
         for (const group of await page.locator(".panel > details, .sidebar > details").all()) {
@@ -523,6 +512,7 @@ test(
         }
         for (const [name, opener] of [
           ["help", ".bar .icon-button >> nth=-1"],
+          ["settings", "#settings"],
           ["confirm-delete", "#case-list li > button"],
           ["server-picture", ".panel .group:last-child button >> nth=2"],
           ["series", ".panel .group:last-child button >> nth=3"],

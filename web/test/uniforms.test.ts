@@ -168,7 +168,6 @@ test("the row before a depth is taken, the last but one at most", () => {
     row_mm: 0.5,
     row_count: 5,
     rows: new Uint16Array(4 * 14 * 5),
-    shallow: new Uint32Array(),
     first_piece: new Uint32Array([0, 2, 2, 5, 6, 6]),
     pieces: new Uint32Array(36),
   };

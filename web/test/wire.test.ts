@@ -11,6 +11,7 @@ import {
   triangleCount,
   vertexCount,
   WireError,
+  pathsLength,
 } from "../src/model/wire.ts";
 
 const MESH = { contour_count: 3, points_per_contour: 4 };
@@ -69,17 +70,13 @@ function paths(): ArrayBuffer {
       view.setUint16(at(1), vertex % 2 ? 3 : 65535, true); // 3 further, or 1 back.
     }
   }
-  view.setUint32(counts + 4, 5, true);
   return bytes;
 }
 
-test("a table tells how many vertices are shallower than each row; one of the former layout does not", () => {
-  assert.deepEqual([...decodePaths(paths()).shallow], [0, 5]);
-  const former = paths().slice(0, -8);
-  new DataView(former).setUint16(4, 1, true);
-  const table = decodePaths(former);
-  assert.deepEqual([...table.shallow], []);
-  assert.deepEqual(table.rows, decodePaths(paths()).rows);
+test("the length of a table is known from its beginning", () => {
+  const { byteLength } = paths();
+  assert.equal(pathsLength(new DataView(paths(), 0, 56)), byteLength);
+  assert.equal(pathsLength(new DataView(paths(), 0, 55)), null);
 });
 
 test("the rows of a table are the sums of their differences, modulo 2¹⁶", () => {

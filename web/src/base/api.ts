@@ -1,7 +1,7 @@
 // The server's interface. A token lives in this module's memory alone.
 
 import type { Case, ProblemBody } from "../model/case.ts";
-import type { Layer, LayerList } from "../model/layers.ts";
+import type { LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
 import { wait } from "./patience.ts";
@@ -126,9 +126,7 @@ export const isByProxy = ({ name }: Holder): boolean => name.startsWith(BY_PROXY
 export const plainName = (holder: Holder): string =>
   isByProxy(holder) ? holder.name.slice(BY_PROXY.length) : holder.name;
 
-export async function getHolder(): Promise<Holder> {
-  return (await send("v1/session", { cache: "no-store" })).json() as Promise<Holder>;
-}
+export const getHolder = (): Promise<Holder> => ask("v1/session");
 
 /** A successful answer; anything else is a `Problem`, or the signal's reason. */
 export async function send(path: string, options: RequestInit = {}): Promise<Response> {
@@ -148,6 +146,10 @@ export async function send(path: string, options: RequestInit = {}): Promise<Res
     if (!(await tokenEntered(problem, sent))) throw problem;
   }
 }
+
+/** What an answer states; it is asked for anew unless the options say otherwise. */
+export const ask = async <Answer>(path: string, options: RequestInit = { cache: "no-store" }): Promise<Answer> =>
+  (await send(path, options)).json() as Promise<Answer>;
 
 /** Reads a problem+json body; another body is not shown. */
 export function problemFrom(status: number, headers: { get(name: string): string | null }, body: string): Problem {
@@ -178,17 +180,14 @@ interface CasePage {
   readonly next?: string;
 }
 
-export async function listCases(after: string | null, limit = 0): Promise<CasePage> {
+export function listCases(after: string | null, limit = 0): Promise<CasePage> {
   const query = new URLSearchParams({ ...(after && { after }), ...(limit > 0 && { limit: String(limit) }) });
-  return (
-    await send(`v1/cases${query.size > 0 ? "?" : ""}${query}`, { cache: "no-store" })
-  ).json() as Promise<CasePage>;
+  return ask(`v1/cases${query.size > 0 ? "?" : ""}${query}`);
 }
 
 /** The newest cases with a part of a label, `limit` of them at most. */
 export async function findCases(label: string, limit: number): Promise<readonly Case[]> {
-  const answer = await send("v1/cases/search", { method: "POST", body: JSON.stringify({ label, limit }) });
-  return ((await answer.json()) as CasePage).cases;
+  return (await ask<CasePage>("v1/cases/search", { method: "POST", body: JSON.stringify({ label, limit }) })).cases;
 }
 
 export async function allCases(): Promise<Case[]> {
@@ -203,23 +202,16 @@ export async function allCases(): Promise<Case[]> {
 
 /** Whether any series has come from a PACS. */
 export async function anyArrivals(): Promise<boolean> {
-  const answer = await send("v1/arrivals?limit=1", { cache: "no-store" });
-  return ((await answer.json()) as { readonly arrivals: readonly unknown[] }).arrivals.length > 0;
+  return (await ask<{ readonly arrivals: readonly unknown[] }>("v1/arrivals?limit=1")).arrivals.length > 0;
 }
 
 /** A case; with a part, its facts are those of that surface. */
-export async function getCase(id: string, part: PartName | null = null): Promise<Case> {
-  const query = part ? `?surface=${part}` : "";
-  return (await send(`v1/cases/${id}${query}`, { cache: "no-store" })).json() as Promise<Case>;
-}
+export const getCase = (id: string, part: PartName | null = null): Promise<Case> =>
+  ask(`v1/cases/${id}${part ? `?surface=${part}` : ""}`);
 
 /** Renames a case, or keeps it whatever its age, or no longer; the case as it is then. */
-export async function changeCase(
-  id: string,
-  change: { readonly name?: string; readonly kept?: boolean },
-): Promise<Case> {
-  return (await send(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) })).json() as Promise<Case>;
-}
+export const changeCase = (id: string, change: { readonly name?: string; readonly kept?: boolean }): Promise<Case> =>
+  ask(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) });
 
 /** Deletes a case for good. */
 export async function deleteCase(id: string): Promise<void> {
@@ -227,15 +219,11 @@ export async function deleteCase(id: string): Promise<void> {
 }
 
 /** The places of a case that a map lists, the highest score first; `limit` of them at most. */
-export async function getCandidates(id: string, limit: number, map: ListingMap): Promise<CandidateList> {
-  const answer = await send(`v1/cases/${id}/candidates?limit=${limit}&map=${map}`, { cache: "no-cache" });
-  return answer.json() as Promise<CandidateList>;
-}
+export const getCandidates = (id: string, limit: number, map: ListingMap): Promise<CandidateList> =>
+  ask(`v1/cases/${id}/candidates?limit=${limit}&map=${map}`, { cache: "no-cache" });
 
 /** The layers of a case: its maps, then those that were added, in their order. */
-export async function listLayers(id: string): Promise<LayerList> {
-  return (await send(`v1/cases/${id}/layers`, { cache: "no-store" })).json() as Promise<LayerList>;
-}
+export const listLayers = (id: string): Promise<LayerList> => ask(`v1/cases/${id}/layers`);
 
 /** Renames an added layer, or moves it to another place among them. */
 export async function changeLayer(
@@ -289,14 +277,11 @@ export async function getPositions(
 
 /** Attributes of the DICOM files that a case was made of, by keyword: patient data, asked for only when wanted. */
 export async function getDicom(id: string): Promise<Readonly<Record<string, string>>> {
-  const answer = (await (await send(`v1/cases/${id}/dicom`, { cache: "no-store" })).json()) as {
-    attributes?: Record<string, string>;
-  };
-  return answer.attributes ?? {};
+  return (await ask<{ attributes?: Record<string, string> }>(`v1/cases/${id}/dicom`)).attributes ?? {};
 }
 
 /** How many bytes of an upload are sent. */
-export interface UploadProgress {
+interface UploadProgress {
   readonly loaded: number;
   readonly total: number;
 }
@@ -308,26 +293,15 @@ export interface Uploaded<Made = Case> {
   readonly wasThere: boolean;
 }
 
-/** Uploads a form and resolves to the case; `observe` gets the bytes sent, which fetch cannot report. */
-export const uploadCase = (
-  form: FormData,
-  signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
-): Promise<Uploaded> => upload("v1/cases", form, signal, observe);
+/** Hears how far a form is sent. */
+export type Observe = (progress: UploadProgress) => void;
 
-/** The same of a layer of a case. */
-export const uploadLayer = (
-  id: string,
-  form: FormData,
-  signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
-): Promise<Uploaded<Layer>> => upload(`v1/cases/${id}/layers`, form, signal, observe);
-
-async function upload<Made>(
+/** Uploads a form and resolves to the case, or layer, that it makes; `observe` gets the bytes sent, which fetch cannot report. */
+export async function upload<Made>(
   path: string,
   form: FormData,
   signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
+  observe: Observe,
 ): Promise<Uploaded<Made>> {
   for (;;) {
     const sent = token;
@@ -339,12 +313,7 @@ async function upload<Made>(
   }
 }
 
-function postForm<Made>(
-  path: string,
-  form: FormData,
-  signal: AbortSignal,
-  observe: (progress: UploadProgress) => void,
-): Promise<Uploaded<Made>> {
+function postForm<Made>(path: string, form: FormData, signal: AbortSignal, observe: Observe): Promise<Uploaded<Made>> {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open("POST", path);

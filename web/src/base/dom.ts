@@ -74,7 +74,7 @@ export const ICONS = [
   "close",
   "trash",
   "edit",
-  "theme",
+  "settings",
   "help",
 ] as const;
 export type Icon = (typeof ICONS)[number];

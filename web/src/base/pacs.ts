@@ -1,6 +1,6 @@
 // What the server has of a PACS, and the patient of a case, if its configuration lets the page show it.
 
-import { Problem, getDicom, send } from "./api.ts";
+import { ask, getDicom, Problem } from "./api.ts";
 import { t } from "./i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
 
@@ -13,7 +13,7 @@ interface PacsView {
 /** Without a PACS there is nothing to send to, and no patient to show. */
 export async function pacsOf(): Promise<PacsView> {
   try {
-    return (await (await send("v1/pacs", { cache: "no-store" })).json()) as PacsView;
+    return await ask<PacsView>("v1/pacs");
   } catch (problem) {
     if (problem instanceof Problem && problem.status === 404) return { nodes: [], patient_banner: false };
     throw problem;

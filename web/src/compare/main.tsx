@@ -3,7 +3,7 @@
 import { type Signal, effect, signal } from "@preact/signals";
 import { render } from "preact";
 
-import { allCases, handOver, send, takeHanded } from "../base/api.ts";
+import { allCases, ask, handOver, takeHanded } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
@@ -109,7 +109,7 @@ class Comparing {
     const isStillShown = (): boolean => left.shown === this.left.now?.shown && right.shown === this.right.now?.shown;
     const path = `v1/cases/${left.shown.id}/registration?with=${right.shown.id}`;
     try {
-      const found = (await (await send(path)).json()) as Registration;
+      const found = await ask<Registration>(path, {});
       if (!isStillShown()) return;
       const { case_from_other, verdict } = found;
       const isRough = verdict !== "registered";

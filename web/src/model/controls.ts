@@ -2,6 +2,7 @@
 
 import { NAMED_VIEWS, type View, type ViewName, project } from "./camera.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
+import type { Judgement } from "./findings.ts";
 import { MAP_RADIUS_MM } from "./flat-map.ts";
 import type { MapName } from "./maps.ts";
 import type { SurfaceName } from "./surfaces.ts";
@@ -218,13 +219,17 @@ export type LayerCommand =
 export type Command =
   | ChangingCommand
   | LayerCommand
-  /** The next place of the list, or the one before. */
-  | { readonly kind: "place"; readonly steps: number }
+  /** The next place of the list, or finding, or the one before. */
+  | { readonly kind: "place" | "finding"; readonly steps: number }
+  /** About the place or finding at the mark. */
+  | { readonly kind: "judge"; readonly judgement: Judgement }
   /** The saved layout of a number. */
   | { readonly kind: "recall"; readonly number: number }
   | {
       readonly kind:
         | "help"
+        /** What was opened last: a pane as large as all, the close-up, the slice across. */
+        | "leave"
         | "play"
         | "timer"
         | "mark"

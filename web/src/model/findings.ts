@@ -258,12 +258,22 @@ export const markedFindings = (
     };
   });
 
-/** So near to a place of the list a finding is of it, in mm. */
+/** What a reader decides about a place. */
+export const JUDGEMENTS = ["kept", "dismissed"] as const;
+export type Judgement = (typeof JUDGEMENTS)[number];
+
+/** So near to a place a finding is of it, in mm. */
 const SAME_PLACE_MM = 0.5;
+
+const isAt = (one: Vec3, other: Vec3): boolean => length(subtract(one, other)) < SAME_PLACE_MM;
+
+/** The newest finding in the middle of which a mark is. */
+export const findingAt = (findings: readonly Finding[], mark: Vec3): Finding | undefined =>
+  findings.findLast((one) => isAt(middleOf(one), mark));
 
 /** The finding that was taken from a place of the list. */
 export const findingOfPlace = (findings: readonly Finding[], position_in_patient: Vec3): Finding | undefined =>
   findings.find(
     ({ kind, from_map, points_in_patient: [point] }) =>
-      kind === "point" && from_map && point && length(subtract(point, position_in_patient)) < SAME_PLACE_MM,
+      kind === "point" && from_map && point && isAt(point, position_in_patient),
   );

@@ -18,7 +18,7 @@ export interface Key {
 
 /** How far an arrow turns and moves the head, in pixels of a drag over a pane whose smaller side is 1000. */
 export const ARROW_PIXELS = 40;
-const ARROWS: Readonly<Record<string, Vec2>> = {
+export const ARROWS: Readonly<Record<string, Vec2>> = {
   ArrowLeft: [-ARROW_PIXELS, 0],
   ArrowRight: [ARROW_PIXELS, 0],
   ArrowUp: [0, -ARROW_PIXELS],
@@ -26,7 +26,7 @@ const ARROWS: Readonly<Record<string, Vec2>> = {
 };
 
 /** The help names some keys in words of the page. */
-type KeyName = "arrows" | "pages" | "views" | "presets" | "space" | "layouts" | "undo";
+type KeyName = "arrows" | "pages" | "views" | "presets" | "space" | "layouts" | "escape" | "undo";
 
 /** A line of the help: its keys, by themselves or by a name, and what they ask for. */
 interface Binding<Help extends string = string> {
@@ -80,7 +80,7 @@ export const BINDINGS = [
     const preset = /^[1-6]$/.test(key) && WINDOW_PRESETS[Number(key) - 1];
     return preset ? { kind: "window", preset } : null;
   }),
-  // The FLAIR with shift: every small letter has its command.
+  // Every small letter has its command: others are with shift.
   plain("maps", {
     u: map("blur"),
     y: map("thickness"),
@@ -91,6 +91,8 @@ export const BINDINGS = [
     j: map("junction"),
   }),
   plain("places", { ",": { kind: "place", steps: -1 }, ".": { kind: "place", steps: 1 } }),
+  plain("judge", { K: { kind: "judge", judgement: "kept" }, D: { kind: "judge", judgement: "dismissed" } }),
+  plain("findings", { U: { kind: "finding", steps: -1 }, J: { kind: "finding", steps: 1 } }),
   plain("layers", { l: { kind: "grey" }, c: { kind: "colours" } }),
   plain("blink", { b: { kind: "hold" } }),
   plain("swipe", { v: { kind: "swipe" } }),
@@ -110,6 +112,7 @@ export const BINDINGS = [
   plain("flat-map", { m: { kind: "flat-map" } }),
   plain("ruler", { k: { kind: "ruler" } }),
   plain("layouts", { g: { kind: "layouts" } }, "layouts"),
+  plain("leave", { Escape: { kind: "leave" } }, "escape"),
   plain("outline", { o: { kind: "outline" } }),
   // The list's own.
   bound("delete", ["Delete"], () => null),

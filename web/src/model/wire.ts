@@ -57,30 +57,33 @@ export interface PathsTable {
   readonly first_piece: Uint32Array<ArrayBuffer>;
   /** Six words for each piece: the vertex, two depths (as `f32`), two stored positions (six 16-bit numbers). */
   readonly pieces: Uint32Array<ArrayBuffer>;
-  /** For each row how many vertices are shallower than it, because their paths end before; empty if it is not known. */
-  readonly shallow: Uint32Array<ArrayBuffer>;
 }
 
 const PATHS_HEADER_BYTES = 56;
 const PIECE_BYTES = 24;
 const MAGIC = 0x504f5349; // "ISOP"
+const PATHS_LAYOUT = 2;
+
+/** How many bytes a table has that begins so; null: that is not known yet. */
+export function pathsLength(beginning: DataView): number | null {
+  if (beginning.byteLength < PATHS_HEADER_BYTES) return null;
+  const [vertices = 0, rows = 0, pieces = 0] = [16, 20, 24].map((offset) => beginning.getUint32(offset, true));
+  return PATHS_HEADER_BYTES + 4 * (rows + 1) + PIECE_BYTES * pieces + 6 * rows * vertices + 4 * rows;
+}
 
 export function decodePaths(bytes: ArrayBuffer): PathsTable {
-  refuseUnless(bytes.byteLength >= PATHS_HEADER_BYTES);
-  const header = new DataView(bytes, 0, PATHS_HEADER_BYTES);
+  const header = new DataView(bytes);
+  checkLength(bytes, pathsLength(header) ?? NaN);
   const whole = (offset: number): number => header.getUint32(offset, true);
   const real = (offset: number): number => header.getFloat32(offset, true);
   refuseUnless(whole(0) === MAGIC);
-  const layout = header.getUint16(4, true);
-  // Browsers keep tables of the former layout, which has no counts.
-  refuseUnless(layout === 1 || layout === 2);
+  refuseUnless(header.getUint16(4, true) === PATHS_LAYOUT);
   const mesh = { contour_count: whole(8), points_per_contour: whole(12) };
   const [vertices, row_count, pieces] = [whole(16), whole(20), whole(24)];
   refuseUnless(vertices === vertexCount(mesh) && row_count > 0);
   const piecesAt = PATHS_HEADER_BYTES + 4 * (row_count + 1);
   const planesAt = piecesAt + PIECE_BYTES * pieces;
   const countsAt = planesAt + 6 * row_count * vertices;
-  checkLength(bytes, countsAt + (layout === 2 ? 4 * row_count : 0));
   const first_piece = new Uint32Array(bytes.slice(PATHS_HEADER_BYTES, piecesAt));
   const inOrder = first_piece.every((first, row) => first <= (first_piece[row + 1] ?? pieces));
   refuseUnless(inOrder && first_piece[row_count] === pieces);
@@ -95,7 +98,6 @@ export function decodePaths(bytes: ArrayBuffer): PathsTable {
     rows: summedRows(new Uint16Array(bytes.slice(planesAt, countsAt)), row_count, vertices),
     first_piece,
     pieces: words,
-    shallow: new Uint32Array(bytes.slice(countsAt)),
   };
 }
 

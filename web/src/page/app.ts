@@ -210,7 +210,10 @@ export class App {
     // Where text is typed, undoing is the text's.
     const typed = "input:not([type=range], [type=checkbox]), textarea";
     const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
-    if (!onPicture && (ofField || !(hasModifier || preferences.peek().shortcuts))) return;
+    // From what is written in the panel, back to the picture.
+    if (ofField?.closest(".panel") && event.key === "Escape") document.getElementById("stage")?.focus();
+    const isLetter = !hasModifier && event.key !== "Escape";
+    if (!onPicture && (ofField || (isLetter && !preferences.peek().shortcuts))) return;
     const command = (this.#awaitsNumber && recallOf(event)) || commandOf(event);
     // A key that is held with another one is not the one that was awaited.
     if (event.key !== "Shift") this.#awaitsNumber = command?.kind === "layouts";

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { send } from "../base/api.ts";
+import { ask } from "../base/api.ts";
 import { type Key, known, moment, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -74,8 +74,6 @@ export function arrivalFacts({ first_at, instances, expected, corrected, ignored
 }
 
 const labelOf = ({ label }: Arrival): string => label ?? t("arrival.unlabelled");
-const ask = async <Answer,>(path: string, options: RequestInit = { cache: "no-store" }): Promise<Answer> =>
-  (await send(`v1/arrivals${path}`, options)).json() as Promise<Answer>;
 
 /** Shows what came; a link to a case closes the list, and `chosen` hears which. */
 export function arrivalsDialog(chosen: (id: string) => void): void {
@@ -97,7 +95,7 @@ function Arrivals({ chosen }: { chosen(id: string): void }) {
     const mine = (turn.current += 1);
     const query = new URLSearchParams({ ...(state && { state }), ...(text && { text }), ...(after && { after }) });
     try {
-      const page = await ask<Page>(`?${query}`);
+      const page = await ask<Page>(`v1/arrivals?${query}`);
       if (mine !== turn.current) return;
       const all = after ? [...list, ...page.arrivals] : page.arrivals;
       setList(all);
@@ -185,10 +183,13 @@ function Item({ one, chosen, put }: ItemProps) {
     wasTaken.current = true;
     say(t("arrival.taking"));
     try {
-      let now = await ask<Arrival>(`/${one.id}`, { method: "POST", body: JSON.stringify({ as, allow_gaps }) });
+      let now = await ask<Arrival>(`v1/arrivals/${one.id}`, {
+        method: "POST",
+        body: JSON.stringify({ as, allow_gaps }),
+      });
       while (now.state === "receiving" && item.current) {
         await wait(LOOK_AGAIN_MS);
-        now = await ask<Arrival>(`/${one.id}`);
+        now = await ask<Arrival>(`v1/arrivals/${one.id}`);
       }
       put(now);
       say("");

@@ -77,11 +77,11 @@ export function CaseSection({ store, made }: OfStore & { readonly made: Made }) 
 
   return (
     <Section
-      title={t("panel.case")}
+      title="panel.case"
       data-task="case"
       // The list may know an earlier state of it.
-      onToggle={({ currentTarget }) => {
-        if (currentTarget.open && !asked.current) void tellAge(getCase(shown.id));
+      onOpen={() => {
+        if (!asked.current) void tellAge(getCase(shown.id));
       }}
     >
       <dl class="point case-facts">

@@ -1,6 +1,7 @@
 // The depth profile: intensity against depth below a point of the surface, with the mirrored point's curve.
 
 import { signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
 import { useRef, useState } from "preact/hooks";
 
 import { gyrusWords, intensity, number, t } from "../base/i18n.ts";
@@ -173,28 +174,31 @@ export function Chart({ store }: OfStore) {
         ))}
       </p>
       <p class="profile-read">{read === null ? t("profile.hint") : readWords(read)}</p>
-      <Row>
-        <Button onClick={() => picture.current && void savePicture(picture.current, layers, store)}>
-          {t("profile.png")}
-        </Button>
-        <Button onClick={() => void saveTable(profile, store)}>{t("profile.csv")}</Button>
-      </Row>
-      <Table profile={shallow} columns={columns} layers={layers} />
+      <Table profile={shallow} columns={columns} layers={layers}>
+        <Row>
+          <Button onClick={() => picture.current && void savePicture(picture.current, layers, store)}>
+            {t("profile.png")}
+          </Button>
+          <Button onClick={() => void saveTable(profile, store)}>{t("profile.csv")}</Button>
+        </Row>
+      </Table>
     </div>
   );
 }
 
 const colourOf = (at: number): string => LAYER_COLOURS[at % LAYER_COLOURS.length] ?? "";
 
-/** The profile at whole millimetres. */
+/** The profile at whole millimetres, below its files. */
 function Table({
   profile: { depth_mm },
   columns,
   layers,
+  children,
 }: {
   readonly profile: Profile;
   readonly columns: readonly (readonly number[])[];
   readonly layers: readonly LayerCurves[];
+  readonly children: ComponentChildren;
 }) {
   const mirrored = t("profile.mirrored");
   const names = layers.flatMap(({ name }) => [name, `${name}, ${mirrored}`]);
@@ -206,6 +210,7 @@ function Table({
       onToggle={({ currentTarget }) => (isTableOpen.value = currentTarget.open)}
     >
       <summary>{t("profile.table")}</summary>
+      {children}
       <table>
         <thead>
           <tr>

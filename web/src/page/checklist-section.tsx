@@ -66,7 +66,7 @@ export function ChecklistSection({ store }: OfStore) {
     );
   };
   return (
-    <Section title={t("panel.checklist")} data-task="read">
+    <Section title="panel.checklist" data-task="read">
       <table class="checklist" aria-label={t("panel.checklist")} ref={table}>
         <thead>
           <tr>

@@ -6,10 +6,8 @@ import { type Holder, type Refusal, isBehindProxy, isByProxy, takeHanded } from 
 import { h } from "../base/dom.ts";
 import { t, wordsBetween } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
 import { BINDINGS } from "../model/keys.ts";
-import { choose, preferences } from "../store/preferences.ts";
-import { Button, Icon, LabelledChoice, Quiet, Ticked } from "./fields.tsx";
+import { Button, Icon, Quiet } from "./fields.tsx";
 
 /** A button that closes its dialog. */
 export const Closing = ({
@@ -208,7 +206,7 @@ export function holderDialog(name: string, holder: Holder): void {
   );
 }
 
-/** What hands and keys do, and what can be chosen about them. */
+/** What hands and keys do. */
 export function helpDialog(): void {
   // Each line is "how|what it is for"; what has no such parts is the title of those after it.
   const keys = BINDINGS.map(({ help, keys: those }) => {
@@ -242,42 +240,8 @@ export function helpDialog(): void {
       <Quiet>{t("help.slices")}</Quiet>
       <Quiet>{`${t("help.letters")} ${t("letters.legend")}`}</Quiet>
       <Quiet>{t("help.zero")}</Quiet>
-      <h3>{t("help.choices")}</h3>
-      <HandChoices />
       <Quiet>{t("notice.long")}</Quiet>
     </>,
     <Closing class="primary" />,
-  );
-}
-
-function HandChoices() {
-  const { wheel, drag, shortcuts } = preferences.value;
-  return (
-    <>
-      <LabelledChoice
-        isInline
-        id="wheel"
-        label={t("wheel.label")}
-        values={WHEEL_USES}
-        value={wheel}
-        words={(one) => t(`wheel.${one}`)}
-        onChoose={(one) => choose({ wheel: one })}
-      />
-      <LabelledChoice
-        isInline
-        id="drag"
-        label={t("drag.label")}
-        values={DRAG_DIRECTIONS}
-        value={drag}
-        words={(one) => t(`drag.${one}`)}
-        onChoose={(one) => choose({ drag: one })}
-      />
-      <Ticked
-        id="shortcuts"
-        words={t("shortcuts.label")}
-        checked={shortcuts}
-        onTick={(isTicked) => choose({ shortcuts: isTicked })}
-      />
-    </>
   );
 }

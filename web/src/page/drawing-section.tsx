@@ -1,17 +1,13 @@
 // The section of the panel about how the picture is drawn.
 
-import { useState } from "preact/hooks";
-
 import { number, t } from "../base/i18n.ts";
-import { readDepths } from "../model/query.ts";
-import { CONVENTIONS, SLAB_LIMIT_MM, WAYS, boundOutlines, clampDepth } from "../model/state.ts";
-import { choose, preferences } from "../store/preferences.ts";
-import { ChoiceLine, Line, type OfStore, Section, Slider, Ticked, Typed } from "./fields.tsx";
+import { SLAB_LIMIT_MM, WAYS } from "../model/state.ts";
+import { ChoiceLine, type OfStore, Section, Slider, Ticked } from "./fields.tsx";
 
 export function DrawingSection({ store }: OfStore) {
-  const { way, ambient, slab_mm, averages_shallow, convention } = store.view.state.value;
+  const { way, ambient, slab_mm, averages_shallow } = store.view.state.value;
   return (
-    <Section title={t("panel.drawing")} data-task="layers">
+    <Section title="panel.drawing" data-task="layers">
       <ChoiceLine
         id="way"
         label={t("way.label")}
@@ -42,52 +38,6 @@ export function DrawingSection({ store }: OfStore) {
         checked={averages_shallow}
         onTick={(isTicked) => store.change({ averages_shallow: isTicked }, true)}
       />
-      <ChoiceLine
-        isTall
-        id="convention"
-        label={t("convention.label")}
-        values={CONVENTIONS}
-        value={convention}
-        words={(name) => t(`convention.${name}`)}
-        onChoose={(name) => store.change({ convention: name }, true)}
-      />
-      {/* Whether the slices have one zoom. */}
-      <Ticked
-        id="linked-zoom"
-        words={t("zoom.linked")}
-        checked={preferences.value.linked_zoom}
-        onTick={(linked_zoom) => choose({ linked_zoom })}
-      />
-      <Outlines store={store} />
     </Section>
-  );
-}
-
-/** The depths whose outlines slices show. */
-function Outlines({ store }: OfStore) {
-  const [isUnread, setUnread] = useState(false);
-  const { outlines_mm } = store.view.state.value;
-  const written = outlines_mm.join(", ");
-  return (
-    <Line label={t("outlines.label")}>
-      <Typed
-        id="outlines"
-        inputMode="decimal"
-        placeholder="0, 20"
-        aria-label={t("outlines.label")}
-        aria-invalid={isUnread}
-        value={written}
-        onLeave={(typed) => {
-          const depths = typed.trim() ? readDepths(typed, clampDepth(Infinity, store.shown)) : [];
-          // What cannot be read stays to be corrected, and changes nothing.
-          setUnread(!depths);
-          if (!depths) return typed;
-          const bound = boundOutlines(depths, store.shown);
-          store.change({ outlines_mm: bound }, true);
-          return bound.join(", ");
-        }}
-      />
-      <span class="quiet">mm</span>
-    </Line>
   );
 }

@@ -32,7 +32,7 @@ export function ExportSection({ store, onScreen }: OfStore & { onScreen(): OnScr
     return copied(location.href);
   };
   return (
-    <Section title={t("panel.export")} data-task="case">
+    <Section title="panel.export" data-task="case">
       <Row>
         <Choice
           id="times"

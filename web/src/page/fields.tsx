@@ -4,7 +4,9 @@ import type { ComponentChildren } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 
 import type { Icon as IconName } from "../base/dom.ts";
+import { type Key, t } from "../base/i18n.ts";
 import { mayWrite } from "../store/holder.ts";
+import { preferences, unfold } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 
 /** What every section is given. */
@@ -73,17 +75,24 @@ export function Placed({ node, alt = "" }: { readonly node: HTMLElement; readonl
   return <span class="mounted" ref={place} />;
 }
 
-/** A part of the panel, under its title. */
+/** A part of the panel, under its title; whether it is unfolded is remembered. */
 export const Section = ({
   title,
   name = "",
-  isOpen = false,
+  onOpen,
   children,
   ...rest
-}: { readonly title: string; readonly name?: string; readonly isOpen?: boolean } & Children &
-  Attributes & { onToggle?(event: { readonly currentTarget: HTMLDetailsElement }): void }) => (
-  <details class={`group ${name}`.trimEnd()} open={isOpen} {...rest}>
-    <summary>{title}</summary>
+}: { readonly title: Key; readonly name?: string; onOpen?(): void } & Children & Attributes) => (
+  <details
+    class={`group ${name}`.trimEnd()}
+    open={preferences.value.unfolded.includes(title)}
+    onToggle={({ currentTarget: { open } }) => {
+      unfold(title, open);
+      if (open) onOpen?.();
+    }}
+    {...rest}
+  >
+    <summary>{t(title)}</summary>
     <div class="group-body">{children}</div>
   </details>
 );

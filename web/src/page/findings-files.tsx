@@ -105,31 +105,36 @@ export function FindingFiles({ store }: OfStore) {
           <Ticked id="report-patient" words={t("findings.patient")} checked={isNamed} onTick={setNamed} />
         )}
       </Row>
-      <Row>
-        <Choice
-          id="findings-format"
-          label={t("findings.format")}
-          values={offered}
-          value={format}
-          words={(one) => t(`findings.as-${one}`)}
-          onChoose={(one) => setFormat(one)}
-        />
-        <Button onClick={() => void save(store, ...filesOf(store)[format])}>{t("findings.save")}</Button>
-      </Row>
-      {!isOfPatient && <Quiet>{t("findings.no-dicom")}</Quiet>}
-      <Row>
-        <Writing>
-          <FileInput
-            id="findings-file"
-            words={t("findings.add-file")}
-            accept={isOfPatient ? ".json,.dcm" : ".json"}
-            onFiles={([file]) => {
-              if (file) void add(store, file);
-            }}
-          />
-          <Button onClick={() => void takeOver(store)}>{t("take-over.open")}</Button>
-        </Writing>
-      </Row>
+      <details>
+        <summary>{t("findings.files")}</summary>
+        <div class="group-part">
+          <Row>
+            <Choice
+              id="findings-format"
+              label={t("findings.format")}
+              values={offered}
+              value={format}
+              words={(one) => t(`findings.as-${one}`)}
+              onChoose={(one) => setFormat(one)}
+            />
+            <Button onClick={() => void save(store, ...filesOf(store)[format])}>{t("findings.save")}</Button>
+          </Row>
+          {!isOfPatient && <Quiet>{t("findings.no-dicom")}</Quiet>}
+          <Row>
+            <Writing>
+              <FileInput
+                id="findings-file"
+                words={t("findings.add-file")}
+                accept={isOfPatient ? ".json,.dcm" : ".json"}
+                onFiles={([file]) => {
+                  if (file) void add(store, file);
+                }}
+              />
+              <Button onClick={() => void takeOver(store)}>{t("take-over.open")}</Button>
+            </Writing>
+          </Row>
+        </div>
+      </details>
     </>
   );
 }

@@ -7,7 +7,7 @@ import { positionWords } from "../base/readout.ts";
 import { CERTAINTIES, type Finding, LONGEST_LABEL, LONGEST_NOTE, middleOf, numbered } from "../model/findings.ts";
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import { excessOf, plainLine, plainText } from "../model/text.ts";
-import { bring } from "../store/bring.ts";
+import { goToFinding } from "../store/bring.ts";
 import { mayWrite } from "../store/holder.ts";
 import { choose, preferences } from "../store/preferences.ts";
 import {
@@ -31,7 +31,7 @@ export function FindingsSection({ store }: OfStore) {
   const list = findings.list.value;
   const numbers = new Map(numbered(list).map(({ id }, at) => [id, at + 1]));
   return (
-    <Section title={t("panel.findings")} isOpen data-task="read">
+    <Section title="panel.findings" data-task="read">
       <Line label={t("findings.reader")}>
         <Typed
           id="reader"
@@ -95,37 +95,58 @@ export function FindingsSection({ store }: OfStore) {
 /** A finding in the list: its name, what is written about it, and how it is shown. `at` is its number; null: it is dismissed. */
 function FindingRow({ store, finding, at }: OfStore & { readonly finding: Finding; readonly at: number | null }) {
   const { findings, shown } = store;
-  const { id, kind, label, depth_mm, certainty, colour, is_dismissed, is_unconfirmed } = finding;
+  const { id, kind, label, depth_mm, is_dismissed, is_unconfirmed } = finding;
+  const isOpen = findings.open.value === findings.sync.keyOf(finding);
   const row = useRef<HTMLLIElement>(null);
+  const reached = findings.reached.value;
+  useLayoutEffect(() => {
+    if (reached === finding) row.current?.scrollIntoView({ block: "nearest" });
+  }, [reached]);
   // A new one is written about at once, in sight.
   useLayoutEffect(() => {
     if (findings.written.value !== id) return;
     findings.written.value = null;
     row.current?.closest("details")?.setAttribute("open", "");
     row.current?.querySelector<HTMLElement>(".finding-label")?.focus();
-  }, [findings.written.value]);
-  const middle = middleOf(finding);
+  }, [findings.written.value, isOpen]);
   const name = t(`findings.${kind === "point" ? "name" : kind}`, {
     number: at === null ? t("findings.dismissed") : number(at),
-    side: t(`side.${finding.side ?? sideOf(middle, mirrorPlane(shown))}`),
+    side: t(`side.${finding.side ?? sideOf(middleOf(finding), mirrorPlane(shown))}`),
     depth: number(depth_mm, 1),
   });
+  return (
+    <li ref={row} data-id={id} class={is_dismissed ? "dismissed" : ""} aria-current={isOpen}>
+      <Row>
+        <Button class="finding-name" aria-keyshortcuts="Shift+U Shift+J" onClick={() => goToFinding(store, finding)}>
+          {name}
+        </Button>
+        {isOpen ? (
+          <Writing>
+            <IconButton icon="trash" label={t("findings.remove", { name })} onClick={() => findings.remove(id)} />
+          </Writing>
+        ) : (
+          <span class={is_unconfirmed ? "doubtful finding-words" : "quiet finding-words"} dir="auto">
+            {[is_unconfirmed && t("findings.unconfirmed"), label].filter(Boolean).join(" · ")}
+          </span>
+        )}
+      </Row>
+      {isOpen && <Fields store={store} finding={finding} name={name} />}
+    </li>
+  );
+}
+
+/** What is written about the finding that is unfolded, and how it is shown. */
+function Fields({ store, finding, name }: OfStore & { readonly finding: Finding; readonly name: string }) {
+  const { findings } = store;
+  const { id, label, certainty, colour, is_dismissed, is_unconfirmed } = finding;
   const gyrus = gyrusWords(finding.gyrus);
   const where = [
     gyrus && `${t("gyrus.about")}: ${gyrus}`,
-    positionWords(middle),
+    positionWords(middleOf(finding)),
     finding.author && t("findings.by", { reader: finding.author }),
   ];
   return (
-    <li ref={row} data-id={id} class={is_dismissed ? "dismissed" : ""}>
-      <Row>
-        <Button class="finding-name" onClick={() => bring(store, middle, depth_mm)}>
-          {name}
-        </Button>
-        <Writing>
-          <IconButton icon="trash" label={t("findings.remove", { name })} onClick={() => findings.remove(id)} />
-        </Writing>
-      </Row>
+    <>
       <Writing>
         {is_unconfirmed && (
           <Row>
@@ -182,12 +203,16 @@ function FindingRow({ store, finding, at }: OfStore & { readonly finding: Findin
         />
       </Line>
       <Quiet>{where.filter(Boolean).join(" · ")}</Quiet>
-    </li>
+    </>
   );
 }
 
 /** What is written about a finding. What is too long stays as it is typed, to be shortened by hand. */
-function Note({ store, finding, label }: OfStore & { readonly finding: Finding; readonly label: string }) {
+function Note({
+  store: { findings },
+  finding,
+  label,
+}: OfStore & { readonly finding: Finding; readonly label: string }) {
   const { id, note } = finding;
   const field = useRef<HTMLTextAreaElement>(null);
   const [excess, setExcess] = useState(0);
@@ -210,11 +235,11 @@ function Note({ store, finding, label }: OfStore & { readonly finding: Finding; 
         aria-label={label}
         onInput={({ currentTarget }) => {
           setExcess(excessOf(currentTarget.value, LONGEST_NOTE));
-          store.findings.write(id, { note: plain(currentTarget.value) });
+          findings.write(id, { note: plain(currentTarget.value) });
         }}
         onChange={({ currentTarget }) => {
           if (excess === 0) currentTarget.value = plain(currentTarget.value);
-          store.findings.leaveField();
+          findings.leaveField();
         }}
       />
       <Status

@@ -4,7 +4,7 @@ import { useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { getPicture, handOver, plainName } from "../base/api.ts";
 import { caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
-import { LANGUAGES, isLanguage, number, t } from "../base/i18n.ts";
+import { number, t } from "../base/i18n.ts";
 import { keyOf } from "../model/keys.ts";
 import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
@@ -17,9 +17,10 @@ import type { App } from "./app.ts";
 import { arrivalsDialog } from "./arrivals.tsx";
 import { CaseList } from "./cases.tsx";
 import { helpDialog, holderDialog } from "./dialogs.tsx";
-import { Button, Buttons, Choice, IconButton, Placed } from "./fields.tsx";
+import { Button, Buttons, IconButton, Placed } from "./fields.tsx";
 import { Panel } from "./panel.tsx";
 import { maskDialog, useDrawn } from "./server-picture.tsx";
+import { settingsDialog } from "./settings.tsx";
 import { UploadForm } from "./upload.tsx";
 import type { Viewer } from "./viewer.tsx";
 
@@ -87,7 +88,7 @@ export function Frame({ app }: OfApp) {
 }
 
 function Bar({ app }: OfApp) {
-  const { panel, theme, language } = preferences.value;
+  const { panel } = preferences.value;
   const chosen = app.chosen.value;
   const store = app.viewer.value?.store;
   const reader = holder.value;
@@ -127,19 +128,6 @@ function Bar({ app }: OfApp) {
       <p class="research" role="note">
         {t("notice.long")}
       </p>
-      <Choice
-        id="language"
-        label={t("language")}
-        values={Object.keys(LANGUAGES).filter(isLanguage)}
-        value={language}
-        words={(one) => LANGUAGES[one]}
-        onChoose={(one) => choose({ language: one })}
-      />
-      <IconButton
-        icon="theme"
-        label={t("theme.toggle")}
-        onClick={() => choose({ theme: theme === "dark" ? "light" : "dark" })}
-      />
       {document.fullscreenEnabled && (
         <IconButton icon="full" label={t("full-screen")} onClick={() => void toggleFullScreen()} />
       )}
@@ -154,6 +142,7 @@ function Bar({ app }: OfApp) {
         aria-expanded={String(panel)}
         onClick={() => choose({ panel: !panel })}
       />
+      <IconButton icon="settings" id="settings" label={t("settings.title")} onClick={() => settingsDialog(store)} />
       <IconButton icon="help" label={t("help.title")} onClick={helpDialog} />
     </>
   );

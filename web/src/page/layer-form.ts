@@ -1,6 +1,6 @@
 // Adding layers to a case: files under fixed names, what they are and how they are to be placed.
 
-import { type UploadProgress, type Uploaded, uploadLayer } from "../base/api.ts";
+import { type Observe, type Uploaded, upload } from "../base/api.ts";
 import type { Layer, LayerKind } from "../model/layers.ts";
 import type { Affine } from "../model/space.ts";
 import { sequenceOf, uploadName } from "./upload-files.ts";
@@ -28,7 +28,7 @@ export function sendLayer(
   files: readonly File[],
   wish: LayerWish,
   labels: Blob | null,
-  [signal, observe]: readonly [AbortSignal, (progress: UploadProgress) => void],
+  [signal, observe]: readonly [AbortSignal, Observe],
 ): Promise<Uploaded<Layer>> {
   const body = new FormData();
   body.append("parameters", new Blob([JSON.stringify(wish)], { type: "application/json" }));
@@ -36,7 +36,7 @@ export function sendLayer(
   if (only && files.length === 1) body.append("volume", only, uploadName("volume", only.name));
   else files.forEach((file, index) => body.append("dicom", file, `${index + 1}.dcm`));
   if (labels) body.append("labels", labels, "labels.txt");
-  return uploadLayer(id, body, signal, observe);
+  return upload(`v1/cases/${id}/layers`, body, signal, observe);
 }
 
 /** What the name of a file says, where nothing else was chosen. */

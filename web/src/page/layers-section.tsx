@@ -41,7 +41,7 @@ export function LayersSection({ store }: OfStore) {
     }
   };
   return (
-    <Section title={t("panel.layers")} name="added" isOpen data-task="layers">
+    <Section title="panel.layers" name="added" data-task="layers">
       {list ? (
         <>
           {added.length === 0 && <Quiet>{t("layers.none")}</Quiet>}

@@ -17,7 +17,7 @@ export function LayoutsSection({ store }: OfStore) {
     if (savedLayouts.peek() !== layouts) name.current.value = "";
   };
   return (
-    <Section title={t("panel.layouts")} data-task="read">
+    <Section title="panel.layouts" data-task="read">
       <ol class="saved-layouts">
         {layouts.map((saved, at) => (
           <li key={saved.name}>

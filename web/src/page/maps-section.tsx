@@ -3,14 +3,17 @@
 import { reasonIn } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { keyOf } from "../model/keys.ts";
-import { MAP_NAMES, isLayerId, isMap } from "../model/maps.ts";
+import { LISTING_MAPS, MAP_NAMES, type MapName, isLayerId, isMap } from "../model/maps.ts";
 import { layersOf } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { LIST_WORDS, type PlacesOfMap } from "../store/places.ts";
 import { Comparison } from "./comparison.tsx";
-import { Button, Buttons, Line, type OfStore, Quiet, Row, Section, Status } from "./fields.tsx";
+import { Button, Buttons, Choice, Line, type OfStore, Quiet, Row, Section, Status } from "./fields.tsx";
 import { OverlayControls } from "./overlay-controls.tsx";
 import { PlacesTable } from "./places-table.tsx";
+
+/** Those that list no places. */
+const OTHER_MAPS: readonly MapName[] = MAP_NAMES.filter((name) => !LISTING_MAPS.some((listing) => listing === name));
 
 export function MapsSection({ store }: OfStore) {
   const { caseLayers, places, view } = store;
@@ -19,11 +22,15 @@ export function MapsSection({ store }: OfStore) {
   const map = overlay && isMap(overlay.name) ? overlay.name : null;
   const isLayerShown = layersOf(view.state.value).some(isLayerId);
   const flair = layers?.find(({ id }) => id === "flair");
+  const choose = (name: MapName | "none"): void => {
+    if (name === "none") store.change({ overlay: null }, true);
+    else if (map !== name) perform(store, { kind: "map", name });
+  };
   return (
-    <Section title={t("panel.maps")} name="maps" isOpen data-task="read">
+    <Section title="panel.maps" name="maps" data-task="read">
       <Buttons
         label={t("map.label")}
-        values={["none", ...MAP_NAMES]}
+        values={["none", ...LISTING_MAPS]}
         value={overlay ? map : "none"}
         words={(name) => t(`map.${name}`)}
         // It is offered only if there is such a layer.
@@ -31,10 +38,15 @@ export function MapsSection({ store }: OfStore) {
           hidden: name === "flair" && !flair,
           title: keyOf((command) => command.kind === "map" && command.name === name),
         })}
-        onChoose={(name) => {
-          if (name === "none") store.change({ overlay: null }, true);
-          else if (map !== name) perform(store, { kind: "map", name });
-        }}
+        onChoose={choose}
+      />
+      <Choice
+        id="more-maps"
+        label={t("map.more")}
+        values={["none", ...OTHER_MAPS]}
+        value={map && OTHER_MAPS.includes(map) ? map : "none"}
+        words={(name) => t(name === "none" ? "map.more" : `map.${name}`)}
+        onChoose={choose}
       />
       {map && <Quiet>{t(`map.${map}.about`)}</Quiet>}
       {!isLayerShown && <Comparison store={store} />}
@@ -87,7 +99,7 @@ function PlacesPart({ store, list }: OfStore & { readonly list: PlacesOfMap }) {
             <>
               <details class="candidates-warning">
                 <summary>{t("candidates.normal")}</summary>
-                <Quiet>{t(words.warning)}</Quiet>
+                <Quiet>{`${t(words.warning)} ${t("candidates.score-about")}`}</Quiet>
               </details>
               <PlacesTable store={store} list={list} label={t(words.ask)} />
             </>
@@ -98,31 +110,35 @@ function PlacesPart({ store, list }: OfStore & { readonly list: PlacesOfMap }) {
   );
 }
 
-/** The share of the junction that the cuts meet slantwise, of the depths at which there is any. */
+/** The share of the junction that the cuts meet slantwise: at the depth that is shown, and unfolded, at all at which there is any. */
 function Slant({ store }: OfStore) {
   const { junction_by_depth = [], junction_poorly_met } = store.caseLayers.list.value ?? {};
   const depth_mm = store.view.depth_mm.value;
-  const bands = junction_by_depth.filter(({ places }) => places > 0);
+  const bands = junction_by_depth
+    .filter(({ places }) => places > 0)
+    .map(({ from_mm, to_mm, slanted_share }) => ({
+      depths: to_mm === undefined ? `> ${number(from_mm)} mm` : `${number(from_mm)} – ${number(to_mm)} mm`,
+      share: `${number(100 * slanted_share)} %`,
+      slanted_share,
+      isShown: from_mm <= depth_mm && depth_mm < (to_mm ?? Infinity),
+    }));
   if (bands.length === 0) return null;
+  const { share = "–" } = bands.find(({ isShown }) => isShown) ?? {};
   return (
-    <div class="group-part slant">
+    <details class="slant">
+      <summary>{t("map.slant-here", { share })}</summary>
       <Quiet>{t("map.slant")}</Quiet>
-      {bands.map(({ from_mm, to_mm, slanted_share }) => {
-        const depths = to_mm === undefined ? `> ${number(from_mm)} mm` : `${number(from_mm)} – ${number(to_mm)} mm`;
-        const share = `${number(100 * slanted_share)} %`;
-        const isShown = from_mm <= depth_mm && depth_mm < (to_mm ?? Infinity);
-        return (
-          <Line key={from_mm} label={depths} aria-current={isShown}>
-            <meter value={slanted_share} aria-label={`${depths}: ${share}`} />
-            <span class="value quiet" aria-hidden="true">
-              {share}
-            </span>
-          </Line>
-        );
-      })}
+      {bands.map(({ depths, share, slanted_share, isShown }) => (
+        <Line key={depths} label={depths} aria-current={isShown}>
+          <meter value={slanted_share} aria-label={`${depths}: ${share}`} />
+          <span class="value quiet" aria-hidden="true">
+            {share}
+          </span>
+        </Line>
+      ))}
       <p class="poorly-met">
         {junction_poorly_met !== undefined && t("map.slant.total", { share: number(100 * junction_poorly_met) })}
       </p>
-    </div>
+    </details>
   );
 }

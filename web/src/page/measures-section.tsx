@@ -16,7 +16,7 @@ export function MeasuresSection({ store }: OfStore) {
     if (tool) section.current?.closest("details")?.setAttribute("open", "");
   }, [tool]);
   return (
-    <Section title={t("panel.measure")} data-task="read">
+    <Section title="panel.measure" data-task="read">
       <Buttons
         name="tools"
         label={t("panel.measure")}

@@ -17,7 +17,6 @@ import { MapsSection } from "./maps-section.tsx";
 import { MeasuresSection } from "./measures-section.tsx";
 import { PointSection } from "./point-section.tsx";
 import { ResultsSection } from "./results-section.tsx";
-import { SweepSection } from "./sweep-section.tsx";
 import { ViewSection } from "./view-section.tsx";
 import { WindowSection } from "./window-section.tsx";
 
@@ -66,7 +65,6 @@ export function Panel({ store, made, onScreen }: PanelProps) {
       <ViewSection store={store} />
       <DrawingSection store={store} />
       <CaseSection store={store} made={made} />
-      <SweepSection store={store} />
       <ExportSection store={store} onScreen={onScreen} />
       <ResultsSection store={store} onScreen={onScreen} />
     </aside>

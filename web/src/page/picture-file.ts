@@ -1,6 +1,6 @@
 // Pictures and tables as files. Their names contain nothing about the patient.
 
-import { send } from "../base/api.ts";
+import { ask } from "../base/api.ts";
 import { t } from "../base/i18n.ts";
 
 /** Saves bytes as a file. */
@@ -68,14 +68,12 @@ let version: Promise<string> | null = null;
 
 /** The program's name and version; its name alone where the server does not tell. */
 export function programWords(): Promise<string> {
-  version ??= send("version")
-    .then(async (answer) => ((await answer.json()) as { version?: unknown }).version)
-    .then(
-      (found) => (typeof found === "string" ? `Isocortex ${found}` : "Isocortex"),
-      () => {
-        version = null;
-        return "Isocortex";
-      },
-    );
+  version ??= ask<{ version?: unknown }>("version", {}).then(
+    ({ version: found }) => (typeof found === "string" ? `Isocortex ${found}` : "Isocortex"),
+    () => {
+      version = null;
+      return "Isocortex";
+    },
+  );
   return version;
 }

@@ -4,24 +4,20 @@ import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
-import { findingOfPlace } from "../model/findings.ts";
+import { JUDGEMENTS, type Judgement, findingOfPlace } from "../model/findings.ts";
+import { keyOf } from "../model/keys.ts";
 import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
-import type { Layout } from "../model/state.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
 import { goToPlace } from "../store/bring.ts";
-import type { Judgement } from "../store/findings.ts";
 import type { PlacesOfMap } from "../store/places.ts";
 import type { Store } from "../store/store.ts";
 import { Chart } from "./chart.tsx";
-import { Button, Buttons, Line, type OfStore, Quiet, Row, Writing } from "./fields.tsx";
+import { Button, Buttons, Line, type OfStore, Quiet, Writing } from "./fields.tsx";
 
-/** What opens beside the surface when a place is gone to. */
-const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
 /** A bar of this score is as wide as its column. */
 const WIDEST_SCORE: Readonly<Record<ListingMap, number>> = { blur: 4, thickness: 8, flair: 4 };
 const COLUMNS = ["rank", "side", "gyrus", "depth", "score", "seen"] as const;
-const JUDGEMENTS = ["kept", "dismissed"] as const satisfies readonly Judgement[];
 
 interface OfList extends OfStore {
   readonly list: PlacesOfMap;
@@ -150,23 +146,16 @@ function Details({ store, list, place, isHidden }: OfList & { readonly place: Ca
     <tr class="why" hidden={isHidden}>
       <td colSpan={COLUMNS.length}>
         <Quiet>{`${facts} · ${positionWords(position_in_patient)}`}</Quiet>
-        <Quiet>{t("candidates.score-about")}</Quiet>
         <Writing>
           <Buttons
             label={t("places.decision")}
             values={JUDGEMENTS}
             value={judgement}
             words={(one) => t(one === "kept" ? "places.keep" : "places.dismiss")}
+            about={(one) => ({ title: keyOf((command) => command.kind === "judge" && command.judgement === one) })}
             onChoose={(one) => store.findings.judge(place, judgement === one ? null : one, list.map)}
           />
         </Writing>
-        <Row>
-          {BESIDE.map((layout) => (
-            <Button key={layout} onClick={() => goToPlace(store, list, place, layout)}>
-              {t(layout === "closer" ? "closer.look" : `layout.${layout}`)}
-            </Button>
-          ))}
-        </Row>
         {/* The sharpness of the boundary says nothing about the other maps. */}
         <div class="why-bars">{list.map === "blur" && <WhyBars store={store} place={place} />}</div>
         <div class="place-chart">

@@ -2,7 +2,7 @@
 
 import { useEffect, useState } from "preact/hooks";
 
-import { send } from "../base/api.ts";
+import { ask, send } from "../base/api.ts";
 import { moment, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { Button, Status } from "./fields.tsx";
@@ -21,9 +21,10 @@ export function Rejections({ lifted }: { lifted(): void }) {
   const complain = (problem: unknown): void => say(problemWords(problem));
 
   useEffect(() => {
-    send("v1/rejections", { cache: "no-store" })
-      .then(async (answer) => (await answer.json()) as { readonly rejections: readonly Rejection[] })
-      .then((answer) => setRejections(answer.rejections), complain);
+    ask<{ readonly rejections: readonly Rejection[] }>("v1/rejections").then(
+      (answer) => setRejections(answer.rejections),
+      complain,
+    );
   }, []);
   const lift = async ({ id }: Rejection): Promise<void> => {
     await send(`v1/rejections/${id}`, { method: "DELETE" });

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { postForFile, send } from "../base/api.ts";
+import { ask, postForFile, send } from "../base/api.ts";
 import { known, moment, spoken, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -85,8 +85,7 @@ export function ResultsSection({ store, onScreen }: ResultsProps) {
   /** Lists what is being sent or was, the newest first. */
   const list = async (): Promise<void> => {
     try {
-      const answer = await send(`v1/dicom-results?case=${shown.id}`, { cache: "no-store" });
-      setSent(((await answer.json()) as { readonly results: readonly Sending[] }).results);
+      setSent((await ask<{ readonly results: readonly Sending[] }>(`v1/dicom-results?case=${shown.id}`)).results);
       setTrouble("");
     } catch (problem) {
       setTrouble(problemWords(problem));
@@ -97,7 +96,7 @@ export function ResultsSection({ store, onScreen }: ResultsProps) {
     void open(t("pacs.heading"), "server-picture result", dialog, null).then(list);
   };
   return (
-    <Section title={t("pacs.title")} name="pacs" onToggle={() => void list()}>
+    <Section title="pacs.title" name="pacs" onOpen={() => void list()}>
       <Quiet>{t("pacs.text")}</Quiet>
       <Row>
         <Button onClick={choose}>{t("pacs.open")}</Button>
@@ -154,11 +153,11 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
   };
   const deliver = async (): Promise<void> => {
     const options = { method: "POST", body: JSON.stringify({ ...body, node }) };
-    let result = (await (await send(path, options)).json()) as Sending;
+    let result = await ask<Sending>(path, options);
     while (isOpen.current && (result.state === "queued" || result.state === "running")) {
       say(sendingWords(result));
       await wait(LOOK_AGAIN_MS);
-      result = (await (await send(`v1/dicom-results/${result.id}`, { cache: "no-store" })).json()) as Sending;
+      result = await ask<Sending>(`v1/dicom-results/${result.id}`);
     }
     say(sendingWords(result));
   };

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { allCases, send } from "../base/api.ts";
+import { allCases, ask } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { moment, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -39,8 +39,8 @@ export async function takeOver(store: Store): Promise<void> {
 
 /** How many findings of a case another one has not. */
 async function countNew(id: string, own: readonly Finding[]): Promise<number> {
-  const answer = await send(`v1/cases/${id}/findings`, { cache: "no-cache" });
-  const { findings } = (await answer.json()) as { readonly findings: readonly Finding[] };
+  const path = `v1/cases/${id}/findings`;
+  const { findings } = await ask<{ readonly findings: readonly Finding[] }>(path, { cache: "no-cache" });
   const known = new Set(own.map((one) => one.id));
   return findings.filter((one) => !known.has(one.id)).length;
 }

@@ -3,11 +3,8 @@
 import { signal } from "@preact/signals";
 import { useMemo } from "preact/hooks";
 
-import type { UploadProgress } from "../base/api.ts";
+import type { Observe } from "../base/api.ts";
 import { number, t } from "../base/i18n.ts";
-
-/** Hears how far a form is sent. */
-type Observe = (progress: UploadProgress) => void;
 
 /** Files on their way. */
 export class Sending {

@@ -3,7 +3,7 @@
 import { computed, signal } from "@preact/signals";
 import { useLayoutEffect, useRef } from "preact/hooks";
 
-import { type Uploaded, uploadCase } from "../base/api.ts";
+import { type Uploaded, upload as sendForm } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -146,7 +146,7 @@ export class Upload {
   async #sendAndName(sorted: Sorted<File>, { name, radius_mm }: Fields): Promise<Uploaded> {
     const send = (keepsName: boolean): Promise<Uploaded> =>
       this.transfer.run((given, observe) =>
-        uploadCase(bodyOf(sorted, { name, radius_mm, keepsName }), given, observe()),
+        sendForm<Case>("v1/cases", bodyOf(sorted, { name, radius_mm, keepsName }), given, observe()),
       );
     const uploaded = await send(true);
     if (!uploaded.wasThere || name === "" || name === uploaded.created.name) return uploaded;

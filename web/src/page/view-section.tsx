@@ -16,7 +16,7 @@ export function ViewSection({ store }: OfStore) {
   const { orientation, surface, zoom } = view.state.value;
   const refusal = store.refusal.value;
   return (
-    <Section title={t("panel.view")} isOpen data-task="read">
+    <Section title="panel.view" data-task="read">
       <Buttons
         name="letters"
         label={t("panel.view")}

@@ -17,7 +17,7 @@ import { SliceGroup } from "../panes/slice-group.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import { announce } from "../store/announce.ts";
 import { settle } from "../store/bring.ts";
-import { catchUp, leaveCloser, showAcross } from "../store/commands.ts";
+import { catchUp } from "../store/commands.ts";
 import { Store } from "../store/store.ts";
 import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
@@ -70,13 +70,6 @@ export class Viewer {
         class: "panes",
         swipe: ({ detail }: CustomEvent<number>) => store.view.change({ swipe: { share: detail } }),
         follow: ({ detail }: CustomEvent<Change>) => store.change(detail),
-        keydown: ({ key }: KeyboardEvent) => {
-          if (key !== "Escape") return;
-          const { layout, across_deg } = store.view.now;
-          if (store.large.peek() !== null) store.large.value = null;
-          else if (layout === "closer") leaveCloser(store);
-          else if (across_deg !== null) showAcross(store, null);
-        },
       },
       h("div", { class: "flat-map" }),
       this.#surface.element,

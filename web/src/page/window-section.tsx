@@ -15,7 +15,7 @@ export function WindowSection({ store }: OfStore) {
     Math.abs(other.center - window.center) + Math.abs(other.width - window.width) < 1e-3 * window.width;
   const shown = WINDOW_PRESETS.find((preset) => isSame(boundWindow(presetWindow(preset, texture), texture)));
   return (
-    <Section title={t("panel.window")} isOpen data-task="read layers">
+    <Section title="panel.window" data-task="read layers">
       <Buttons
         label={t("panel.window")}
         values={WINDOW_PRESETS}

@@ -11,6 +11,7 @@ import {
   decodePositions,
   decodeTriangles,
   decodeVolume,
+  pathsLength,
   readLayout,
   refuseUnless,
   triangleCount,
@@ -22,43 +23,41 @@ import {
 /** The step of the depths that is fine enough for the light of the first picture. */
 export const COARSE_STEP = 4;
 
-/** Adds up the bytes of several requests. Until a request has answered it counts as many as it is thought to have. */
+/** Adds up the bytes of the requests of a stage. The total is known once all of them know theirs. */
 export class ByteCount {
   readonly #hear: (progress: LoadProgress) => void;
   #stage: LoadProgress["stage"] = "first";
-  readonly #counts: { loaded: number; total: number }[] = [];
+  #counts: { loaded: number; total: number | null }[] = [];
 
   constructor(hear: (progress: LoadProgress) => void) {
     this.#hear = hear;
   }
 
-  /** A further request, of about `total` bytes. */
-  begin(total: number): { total(bytes: number): void; add(bytes: number): void } {
-    const count = { loaded: 0, total };
+  /** A further request; what is returned hears how many bytes have come, of how many. */
+  begin(): (loaded: number, total: number | null) => void {
+    const count: { loaded: number; total: number | null } = { loaded: 0, total: null };
     this.#counts.push(count);
     this.#tell();
-    return {
-      total: (bytes) => {
-        count.total = bytes;
-        this.#tell();
-      },
-      add: (bytes) => {
-        count.loaded += bytes;
-        count.total = Math.max(count.total, count.loaded);
-        this.#tell();
-      },
+    return (loaded, total) => {
+      Object.assign(count, { loaded, total });
+      this.#tell();
     };
   }
 
   /** What is done from now on. */
   enter(stage: LoadProgress["stage"]): void {
     this.#stage = stage;
+    this.#counts = [];
     this.#tell();
   }
 
   #tell(): void {
-    const sum = (part: "loaded" | "total"): number => this.#counts.reduce((before, count) => before + count[part], 0);
-    this.#hear({ stage: this.#stage, loaded: sum("loaded"), total: sum("total") });
+    let [loaded, total] = [0, 0];
+    for (const count of this.#counts) {
+      loaded += count.loaded;
+      total += count.total ?? NaN;
+    }
+    this.#hear({ stage: this.#stage, loaded, total: total || 0 });
   }
 }
 
@@ -94,8 +93,8 @@ export class Assets {
 
   /** The same at every depth. */
   async paths(): Promise<PathsTable> {
-    const guess = 1000 * vertexCount(PAGE_MESH);
-    const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}&${MESH_PATHS}${this.#ofSurface}`, guess);
+    const path = `mesh/paths?${MESH_QUERY}&${MESH_PATHS}${this.#ofSurface}`;
+    const { bytes } = await this.#get(path, null, pathsLength);
     const table = decodePaths(bytes);
     refuseUnless(vertexCount(table.mesh) === vertexCount(PAGE_MESH));
     return table;
@@ -104,28 +103,30 @@ export class Assets {
   /** The intensities in 8 bits, for a first picture, or as they were acquired: those around the brain, or all. */
   async volume(
     bits: 8 | 16,
-    guess: number,
     extent: "envelope" | "whole" = "envelope",
   ): Promise<Block<Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer>>> {
-    const { bytes, headers } = await this.#get(`volume?bits=${bits}&extent=${extent}`, guess);
+    const { bytes, headers } = await this.#get(`volume?bits=${bits}&extent=${extent}`);
     return decodeVolume(bytes, readLayout(headers));
   }
 
   /** The depths: `coarse` for the light of a first picture, or all. */
-  async distance(extent: "coarse" | "all", guess: number): Promise<Block<Int16Array<ArrayBuffer>>> {
+  async distance(extent: "coarse" | "all"): Promise<Block<Int16Array<ArrayBuffer>>> {
     const step = extent === "coarse" ? COARSE_STEP : 1;
     const query = step > 1 ? `?step=${step}` : this.#ofSurface.replace("&", "?");
-    const { bytes, headers } = await this.#get(`distance${query}`, guess);
+    const { bytes, headers } = await this.#get(`distance${query}`);
     return decodeDistance(bytes, readLayout(headers));
   }
 
-  async #get(path: string, guess: number): Promise<{ readonly bytes: ArrayBuffer; readonly headers: Headers }> {
-    const count = this.#count.begin(guess);
+  /** The answer, of `length` bytes, or of as many as its headers or its beginning state. */
+  async #get(
+    path: string,
+    length: number | null = null,
+    lengthOf: (beginning: DataView) => number | null = () => null,
+  ): Promise<{ readonly bytes: ArrayBuffer; readonly headers: Headers }> {
+    const hear = this.#count.begin();
     const response = await send(`v1/cases/${this.#id}/${path}`, { signal: this.#signal });
     const { headers } = response;
-    const length = bodyLength(headers);
-    if (length !== null) count.total(length);
-    const bytes = await readAll(response, length ?? guess, (read) => count.add(read));
+    const bytes = await readAll(response, length ?? bodyLength(headers), lengthOf, hear);
     return { bytes, headers };
   }
 }
@@ -137,25 +138,33 @@ function bodyLength(headers: Headers): number | null {
   return !headers.has("content-encoding") && length > 0 ? length : null;
 }
 
-/** A body as one buffer. `guess` saves copies where it is right, and is no promise. */
-async function readAll(response: Response, guess: number, hear: (bytes: number) => void): Promise<ArrayBuffer> {
+/** A body as one buffer; what is known of its length saves copies where it is right, and is no promise. */
+async function readAll(
+  response: Response,
+  known: number | null,
+  lengthOf: (beginning: DataView) => number | null,
+  hear: (loaded: number, total: number | null) => void,
+): Promise<ArrayBuffer> {
   const reader = response.body?.getReader();
   if (!reader) return response.arrayBuffer();
   const most = 1 << 30;
-  let room = new Uint8Array(Math.min(Math.max(guess, 1 << 10), most));
+  let total = known;
+  let room = new Uint8Array(Math.min(total ?? 1 << 16, most));
   let length = 0;
   for (;;) {
+    hear(length, total);
     const { done, value } = await reader.read();
     if (done) break;
-    if (length + value.length > room.length) {
-      refuseUnless(length + value.length <= most);
-      const wider = new Uint8Array(Math.min(most, Math.max(2 * room.length, length + value.length)));
+    total ??= lengthOf(new DataView(value.buffer, value.byteOffset, value.byteLength));
+    const needed = Math.max(length + value.length, total ?? 0);
+    if (needed > room.length) {
+      refuseUnless(needed <= most);
+      const wider = new Uint8Array(Math.min(most, Math.max(2 * room.length, needed)));
       wider.set(room.subarray(0, length));
       room = wider;
     }
     room.set(value, length);
     length += value.length;
-    hear(value.length);
   }
   return length === room.length ? room.buffer : room.buffer.slice(0, length);
 }

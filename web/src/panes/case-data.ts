@@ -94,7 +94,7 @@ export class CaseData {
     const bytes = 2 * voxelCount(this.#case.volume.size);
     if (bytes > MOST_WHOLE_BYTES) return null;
     const assets = new Assets(this.#case.id, this.#gone, new ByteCount(() => {}));
-    const whole = await assets.volume(16, bytes, "whole");
+    const whole = await assets.volume(16, "whole");
     await this.#take({ volume: whole, isWhole: true }, this.#gone);
     return whole;
   }
@@ -102,7 +102,7 @@ export class CaseData {
   /** Fetches the surface of a part; the volume is that of the whole brain. Its mesh follows, for it is not drawn at rest. */
   async loadPart(surface: PartName): Promise<FieldMaps> {
     const assets = new Assets(this.#case.id, this.#gone, new ByteCount(() => {}), surface);
-    const coded = await assets.distance("all", voxelCount(this.#case.grid.size));
+    const coded = await assets.distance("all");
     const made = await patiently(partMaps(coded), this.#gone);
     await this.#listener.more({ parts: new Map([[surface, { field: made, paths: null }]]) }, this.#gone);
     // The gradients are on the device, as of the whole brain.
@@ -124,12 +124,11 @@ export class CaseData {
   }
 
   async #loadFirst(assets: Assets, depth_mm: number, signal: AbortSignal): Promise<void> {
-    const volume = voxelCount(this.#case.grid.size);
     const [triangles, positions, quick, coarse] = await Promise.all([
       assets.triangles(),
       assets.positions(depth_mm),
-      assets.volume(8, volume),
-      assets.distance("coarse", volume / 32),
+      assets.volume(8),
+      assets.distance("coarse"),
     ]);
     Object.assign(this.fetched, { triangles, positions: { positions, depth_mm }, volume: quick });
     this.fetched.field = await patiently(coarseMaps(coarse), signal);
@@ -161,7 +160,6 @@ export class CaseData {
 
   /** `come` is called when everything has come, and is made ready. */
   async #loadRest(assets: Assets, draws: boolean, signal: AbortSignal, come: () => void): Promise<void> {
-    const voxels = voxelCount(this.#case.grid.size);
     let missing = draws ? 3 : 2;
     const arrived = <Part>(part: Part): Part => {
       missing -= 1;
@@ -173,12 +171,12 @@ export class CaseData {
       await this.#take({ paths: arrived(await assets.paths()) }, signal);
     };
     const volume = async (): Promise<Voxels8Or16> => {
-      const whole = arrived(await assets.volume(16, 2 * voxels));
+      const whole = arrived(await assets.volume(16));
       await this.#take({ volume: whole, isWhole: false }, signal);
       return whole;
     };
     const maps = async (): Promise<FieldMaps> => {
-      const field = arrived(await assets.distance("all", 2 * voxels));
+      const field = arrived(await assets.distance("all"));
       const made = await patiently(fieldMaps(field), signal);
       await this.#take({ field: made }, signal);
       return made;

@@ -167,13 +167,15 @@ class Cortex implements Surface {
     const way = this.#drawable(still);
     const painter = this.#device?.painter;
     if (!way || !painter) return this.#standIn.picture(state, ratio) ?? this.#canvas;
+    const { width } = this.#canvas;
     this.#fitCanvas(Math.min(ratio, this.#device?.mostPixels(this.#cssSize()) ?? ratio));
     // Edges of many pixels need not be softened, and the depths of all of them would be large.
     const depths = ratio > MOST_SOFT_RATIO ? 1 : 2;
     painter.draw(this.#panesOf(this.#available(state)), way, { ...FULL_QUALITY, depths });
     // In the same task, for what is drawn is gone with the next frame.
     const picture = createImageBitmap(this.#canvas);
-    this.#paint();
+    // What has the screen's pixels can stay there.
+    if (this.#canvas.width !== width || this.#state?.swipe) this.#paint();
     return picture;
   }
 

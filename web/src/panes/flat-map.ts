@@ -32,6 +32,7 @@ import {
   single,
   surfaceOf,
 } from "../model/flat-map.ts";
+import { ARROWS } from "../model/keys.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
@@ -59,19 +60,10 @@ const GRATICULE_MM = 20;
 const DISC_MM = 10;
 /** A marked point that lies farther than this from what its place shows is not on the map. */
 const HIDDEN_MM = 3;
-/** An arrow key moves the map by so many pixels. */
-const ARROW_PIXELS = 40;
 /** So far the letter of a side stands from the border between the discs, in CSS pixels. */
 const SIDE_GAP = 16;
 /** Longer than any way through a head. */
 const REACH_MM = 400;
-
-const ARROWS: Readonly<Record<string, Vec2>> = {
-  ArrowLeft: [-ARROW_PIXELS, 0],
-  ArrowRight: [ARROW_PIXELS, 0],
-  ArrowUp: [0, -ARROW_PIXELS],
-  ArrowDown: [0, ARROW_PIXELS],
-};
 
 function letterOf(direction: Vec3): string {
   const sizes = direction.map(Math.abs);

@@ -3,7 +3,7 @@
 
 import type { Edges } from "../model/camera.ts";
 import { h, setText, tell } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
+import { intensity, number, t } from "../base/i18n.ts";
 import { scaleBar } from "../base/readout.ts";
 import { type LayerOverlay, type LayerWords, isMap } from "../model/maps.ts";
 import type { Mark } from "../model/marks.ts";
@@ -133,6 +133,10 @@ export const titleWords = (about: LayerWords | undefined): string =>
 /** The same of what lies over a picture. */
 export const overlayWords = ({ name, about }: LayerOverlay): string =>
   isMap(name) ? t(`map.${name}`) : titleWords(about);
+
+/** The name of a layer, and above which values it is seen: a slice without any looks like the case itself. */
+export const thresholdWords = (overlay: LayerOverlay): string =>
+  overlayWords(overlay) + (overlay.threshold === null ? "" : ` > ${intensity(overlay.threshold)}`);
 
 /** The names of a half's layers, or that it shows the case itself. */
 export const lookWords = ({ layer, overlay }: HalfLook): string =>

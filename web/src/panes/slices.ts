@@ -4,7 +4,7 @@ import { h, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
-import { overlayWords, titleWords } from "./overlay.ts";
+import { thresholdWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
@@ -135,8 +135,8 @@ export class SlicePane extends PlanePane {
     if (!state) return null;
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, ratio, MOST_SAVED_PIXELS));
-    // The server draws no edges, and no layer where the hand has moved it.
-    const isOwn = this.element.dataset.edges || (state.layer ?? state.overlay)?.moved;
+    // In more pixels it is the server's; but that draws no edges, and no layer where the hand has moved it.
+    const isOwn = ratio === devicePixelRatio || this.element.dataset.edges || (state.layer ?? state.overlay)?.moved;
     const own = isOwn ? await this.#draw({ ...state, swipe: null }, view) : null;
     const picture = own ?? (await served({ path }));
     return { element: this.frame, picture, isFlipped: isFlipped(this.plane, state.convention) };
@@ -225,7 +225,7 @@ export class SlicePane extends PlanePane {
     const layer = this.#role ? state.layer?.about?.title : state.layer && titleWords(state.layer.about);
     const own = this.#role && !this.#role.isLayer ? t("value.own") : "";
     const image = layer && !edges ? layer : own || imageWords(this.shown, this.plane, this.#center(state));
-    const over = this.#role?.isLayer && state.overlay && !edges ? overlayWords(state.overlay) : "";
+    const over = this.#role?.isLayer && state.overlay && !edges ? thresholdWords(state.overlay) : "";
     const convention = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
     const badge = this.#role ? this.#role.words(this.#center(state)) : convention;
     const more = [image, over, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");

@@ -3,7 +3,7 @@
 import { t } from "../base/i18n.ts";
 import { DEEP_MM, broughtInside, broughtTo, innerSideOf } from "../model/commands.ts";
 import type { Change } from "../model/controls.ts";
-import { findingOfPlace } from "../model/findings.ts";
+import { type Finding, findingOfPlace, middleOf } from "../model/findings.ts";
 import { type Candidate, type ListingMap, firstOverlay } from "../model/maps.ts";
 import { distance_mm, mirrorPlane } from "../model/midsagittal.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -14,16 +14,14 @@ import type { PlacesOfMap } from "./places.ts";
 import type { Store } from "./store.ts";
 
 /**
- * Brings a place to the viewer and marks it, in the layout that is shown or another: at its depth below the envelope, or at that
- * below the surface of the part that is shown; without a depth, in slices.
+ * Brings a place to the viewer and marks it: at its depth below the envelope, or at that below the surface of the part that is
+ * shown; without a depth, in slices.
  */
-export function bring(store: Store, position: Vec3, depth_mm: number | null, wanted?: Layout): void {
+export function bring(store: Store, position: Vec3, depth_mm: number | null): void {
   const { view, shown, surface } = store;
-  const layout = wanted ?? view.now.layout;
+  const { layout } = view.now;
   store.sweep.stop();
   store.awaited = null;
-  if (wanted === "closer" && view.now.layout !== "closer")
-    store.beforeCloser = { layout: view.now.layout, beside: view.now.beside };
   if (depth_mm === null) bringSlices(store, position, layout);
   else {
     // The depth of a finding may be that below a half.
@@ -43,7 +41,6 @@ export function bring(store: Store, position: Vec3, depth_mm: number | null, wan
     }
   }
   if (view.now.layout === "closer") showEvidence(store);
-  if (wanted) store.looks.value += 1;
 }
 
 /**
@@ -69,9 +66,15 @@ function evidenceOf({ layers, places, caseLayers, findings, view }: Store): Chan
 }
 
 /** Brings a place of a list to the viewer. */
-export function goToPlace(store: Store, list: PlacesOfMap, place: Candidate, layout?: Layout): void {
+export function goToPlace(store: Store, list: PlacesOfMap, place: Candidate): void {
   store.places.use(list);
-  bring(store, place.position_in_patient, place.depth_mm, layout);
+  bring(store, place.position_in_patient, place.depth_mm);
+}
+
+/** Brings a finding to the viewer, and unfolds it in the list. */
+export function goToFinding(store: Store, finding: Finding): void {
+  store.findings.unfold(finding);
+  bring(store, middleOf(finding), finding.depth_mm);
 }
 
 /** More is known of the surface: a place that waits for a half is brought to its depth there, and no depth is below its deepest. */

@@ -4,11 +4,13 @@ import { number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { changeOf, laidOut, otherSide } from "../model/commands.ts";
 import type { ChangingCommand, Command, LayerCommand } from "../model/controls.ts";
+import { findingAt } from "../model/findings.ts";
 import type { MapName } from "../model/maps.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type Layout, type ViewState, hasSlices } from "../model/state.ts";
+import { type Layout, type ViewState, clamp, hasSlices } from "../model/state.ts";
 import { announce, note } from "./announce.ts";
-import { bring, showEvidence } from "./bring.ts";
+import { bring, goToFinding, showEvidence } from "./bring.ts";
+import { mayWrite } from "./holder.ts";
 import { recallLayout } from "./saved-layouts.ts";
 import type { Store } from "./store.ts";
 
@@ -49,6 +51,33 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
     const place = await store.places.next(steps);
     if (typeof place === "string") note(place);
     else bring(store, place.position_in_patient, place.depth_mm);
+  },
+  finding: (store, { steps }) => {
+    const list = store.findings.list.peek();
+    const at = list.findIndex((one) => store.findings.sync.keyOf(one) === store.findings.open.peek());
+    const finding = list[at < 0 ? 0 : clamp(at + steps, 0, list.length - 1)];
+    store.findings.reached.value = finding ?? null;
+    if (finding) goToFinding(store, finding);
+    else note(t("findings.none"));
+  },
+  judge: (store, { judgement }) => {
+    if (!mayWrite.peek()) return note(t("findings.read-only"));
+    reach(store, "read");
+    const { places, findings, view } = store;
+    const { crosshair_mm: mark } = view.now;
+    const list = places.lists.find(({ open }) => open.peek());
+    const place = list?.open.peek();
+    const finding = mark && findingAt(findings.list.peek(), mark);
+    if (list && place) findings.judge(place, judgement, list.map);
+    else if (finding) findings.rule(finding, judgement);
+    else if (judgement === "kept") findings.add();
+    else note(t("findings.none-here"));
+  },
+  leave: (store) => {
+    const { layout, across_deg } = store.view.now;
+    if (store.large.peek() !== null) store.large.value = null;
+    else if (layout === "closer") leaveCloser(store);
+    else if (across_deg !== null) showAcross(store, null);
   },
   patient: () => document.body.classList.toggle("no-patient"),
   layouts: () => announce(t("layouts.await")),
@@ -157,7 +186,7 @@ function lookCloser(store: Store): void {
 }
 
 /** Shows what was shown before the close-up. */
-export function leaveCloser({ view, beforeCloser }: Store): void {
+function leaveCloser({ view, beforeCloser }: Store): void {
   view.change(beforeCloser, true);
   announce(t(`layout.${beforeCloser.layout}`));
 }

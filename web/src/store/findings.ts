@@ -7,8 +7,10 @@ import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import {
   type Finding,
+  type Judgement,
   type NewFinding,
   areSame,
+  findingAt,
   findingOfPlace,
   isOff,
   markedFindings,
@@ -24,7 +26,7 @@ import { type Candidate, type ListingMap, isMap } from "../model/maps.ts";
 import type { Marked } from "../model/marks.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
-import { announce } from "./announce.ts";
+import { announce, note } from "./announce.ts";
 import { FindingsSync } from "./findings-sync.ts";
 import { preferences } from "./preferences.ts";
 import type { View } from "./view.ts";
@@ -36,9 +38,6 @@ interface Step {
   /** When it was taken. */
   readonly at_ms: number;
 }
-
-/** What a reader decides about a place of a list. */
-export type Judgement = "kept" | "dismissed";
 
 /** What the server has not got yet of cases that were left, by case: it is sent again and again, and shown again. */
 const UNSENT = new Map<string, FindingsSync>();
@@ -59,6 +58,12 @@ export class Findings {
   readonly doubled = signal("");
   /** The finding whose name is to be written now. */
   readonly written = signal<string | null>(null);
+  /** What the finding is known by that is unfolded in the list. */
+  readonly open = signal<string | null>(null);
+  /** The finding that keys have gone to. */
+  readonly reached = signal<Finding | null>(null);
+  /** The mark for which one was unfolded. */
+  #marked: Vec3 | null = null;
   /** Whether any is drawn, and what those that are not are known by, as long as the page is open. */
   readonly areDrawn = signal(true);
   readonly hidden = signal<ReadonlySet<string>>(new Set());
@@ -98,6 +103,14 @@ export class Findings {
         if (doubled.value) this.doubled.value = t("findings.doubled", { count: number(doubled.value.count) });
       }),
       effect(() => this.#draw()),
+      // Where the mark comes to a finding, that one is unfolded.
+      effect(() => {
+        const mark = this.#view.state.value.crosshair_mm;
+        const found = mark && mark !== this.#marked ? findingAt(this.list.value, mark) : undefined;
+        if (!found) return;
+        this.#marked = mark;
+        this.unfold(found);
+      }),
     ];
     addEventListener("beforeunload", this.#leave);
     document.addEventListener("visibilitychange", this.#turn);
@@ -161,7 +174,7 @@ export class Findings {
   /** Marks the cross as a finding. */
   add(): void {
     const { crosshair_mm, overlay } = this.#view.now;
-    if (!crosshair_mm) return void (this.status.value = t("findings.no-point"));
+    if (!crosshair_mm) return note(t("findings.no-point"));
     const from_map = overlay && isMap(overlay.name) ? { from_map: overlay.name } : {};
     this.take({ points_in_patient: [crosshair_mm], depth_mm: this.#depthOf(crosshair_mm), ...from_map });
   }
@@ -171,8 +184,18 @@ export class Findings {
     const finding = newFinding(given);
     this.#step([...this.#list, finding]);
     announce(t("findings.taken"));
-    this.written.value = finding.id;
+    this.#writeAbout(finding);
     return finding.id;
+  }
+
+  /** Shows in the list what is written about a finding. */
+  unfold(finding: Finding): void {
+    this.open.value = this.sync.keyOf(finding);
+  }
+
+  #writeAbout(finding: Finding): void {
+    this.unfold(finding);
+    this.written.value = finding.id;
   }
 
   remove(id: string): void {
@@ -244,17 +267,21 @@ export class Findings {
     from_map: ListingMap,
   ): void {
     const before = findingOfPlace(this.#list, position_in_patient);
+    if (judgement === null) return before && this.remove(before.id);
+    if (before) return this.rule(before, judgement);
+    const depth_mm = known_mm ?? this.#depthOf(position_in_patient);
     const is_dismissed = judgement === "dismissed";
-    if (judgement === null) this.#step(this.#list.filter((one) => one !== before));
-    else if (before) this.change(before.id, { is_dismissed });
-    else {
-      const depth_mm = known_mm ?? this.#depthOf(position_in_patient);
-      const given = { points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed } as const;
-      this.#step([...this.#list, newFinding(given)]);
-    }
-    announce(t(judgement ? `places.${judgement}` : "findings.removed"));
-    const finding = findingOfPlace(this.#list, position_in_patient);
-    if (finding && judgement === "kept") this.written.value = finding.id;
+    const made = newFinding({ points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed });
+    this.#step([...this.#list, made]);
+    this.rule(made, judgement);
+  }
+
+  /** Keeps a finding, to be written about, or dismisses it. */
+  rule(finding: Finding, judgement: Judgement): void {
+    const is_dismissed = judgement === "dismissed";
+    if (finding.is_dismissed !== is_dismissed) this.change(finding.id, { is_dismissed });
+    announce(t(`places.${judgement}`));
+    if (!is_dismissed) this.#writeAbout(finding);
   }
 
   get #list(): readonly Finding[] {

@@ -4,6 +4,7 @@ import { type ReadonlySignal, type Signal, computed, effect, signal, untracked }
 
 import { reasonIn } from "../base/case-words.ts";
 import { t } from "../base/i18n.ts";
+import { keep, keptText } from "../base/kept.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { type Candidate, type CandidateList, LISTING_MAPS, type ListingMap, standsOut } from "../model/maps.ts";
 import type { ViewState } from "../model/state.ts";
@@ -25,19 +26,10 @@ const seenKey = (id: string): string => `isocortex-seen-${id}`;
 /** The places that were looked at in this window, also before it was loaded again. */
 function readSeen(id: string): ReadonlySet<string> {
   try {
-    const stored: unknown = JSON.parse(sessionStorage.getItem(seenKey(id)) ?? "[]");
+    const stored: unknown = JSON.parse(keptText("sessionStorage", seenKey(id)) ?? "[]");
     return new Set(Array.isArray(stored) ? stored.filter((one) => typeof one === "string") : []);
   } catch {
-    // A browser may forbid it.
     return new Set();
-  }
-}
-
-function keepSeen(id: string, seen: ReadonlySet<string>): void {
-  try {
-    sessionStorage.setItem(seenKey(id), JSON.stringify([...seen]));
-  } catch {
-    // They last until the page is closed, then.
   }
 }
 
@@ -188,7 +180,7 @@ export class Places {
   #look(list: PlacesOfMap, place: Candidate): void {
     if (!list.inSight.includes(place)) list.isUnfolded.value = true;
     this.#seen.value = new Set(this.#seen.peek()).add(nameOf(place.position_in_patient));
-    keepSeen(this.#id, this.#seen.peek());
+    keep("sessionStorage", seenKey(this.#id), [...this.#seen.peek()]);
   }
 
   /** The maps have been listed: their state is the same of all, but for that of the newest FLAIR. */

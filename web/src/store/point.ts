@@ -2,9 +2,7 @@
 
 import { type ReadonlySignal, computed, effect, signal, untracked } from "@preact/signals";
 
-import { t } from "../base/i18n.ts";
-import { depthAtWords, positionWords, valueWords, voxelAt } from "../base/readout.ts";
-import { number } from "../base/i18n.ts";
+import { depthAtWords, positionWords, valueWords } from "../base/readout.ts";
 import type { Picked } from "../model/points.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -21,7 +19,6 @@ const BORDER_MM = 0.05;
 /** The point in words. */
 export interface PointWords {
   readonly position: string;
-  readonly voxel: string;
   readonly depth: string;
   readonly intensity: string;
 }
@@ -63,13 +60,7 @@ export class MarkedPoint {
       const position = this.position.value;
       if (!position) return null;
       const known: Partial<Picked> = this.picked ?? surface()?.probe(position) ?? {};
-      const voxel = voxelAt(view.shown, position);
-      return {
-        position: positionWords(position),
-        voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
-        depth: depthAtWords(known.depth_mm),
-        intensity: values.value,
-      };
+      return { position: positionWords(position), depth: depthAtWords(known.depth_mm), intensity: values.value };
     });
     this.profile = computed(() => (this.position.value && surface()?.profile(this.position.value)) ?? null);
     // Asked about once, as soon as its depth is known.

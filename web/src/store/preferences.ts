@@ -2,7 +2,8 @@
 
 import { signal } from "@preact/signals";
 
-import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
 import { clamp } from "../model/state.ts";
 import { plainLine } from "../model/text.ts";
@@ -12,13 +13,18 @@ import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "
 export const TASKS = ["read", "layers", "case", "all"] as const;
 export type Task = (typeof TASKS)[number];
 
+export const THEMES = ["dark", "light"] as const;
+
+/** The sections of the panel that are unfolded at first. */
+const UNFOLDED: readonly string[] = ["panel.maps", "panel.point", "panel.findings", "panel.layers"] satisfies Key[];
+
 /** The width of the list, in CSS pixels. */
 export const LIST_WIDTHS = [200, 520] as const;
 export const boundWidth = (width: number): number => clamp(Math.round(width), ...LIST_WIDTHS);
 
 export interface Preferences {
   readonly language: Language;
-  readonly theme: "dark" | "light";
+  readonly theme: (typeof THEMES)[number];
   readonly drag: DragDirection;
   readonly wheel: WheelUse;
   /** Whether single letters are commands. */
@@ -31,6 +37,8 @@ export interface Preferences {
   readonly panel: boolean;
   /** Whose sections the panel shows. */
   readonly task: Task;
+  /** The names of the sections that are unfolded. */
+  readonly unfolded: readonly string[];
   /** Who reads: the author of new findings; empty: nobody has said. */
   readonly reader: string;
   /** Of the list, in CSS pixels. */
@@ -38,7 +46,7 @@ export interface Preferences {
 }
 
 const KEY = "isocortex";
-const LIST_WIDTH = 260;
+const LIST_WIDTH = 272;
 
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
@@ -51,7 +59,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
   }
   return {
     language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
-    theme: stored.theme === "light" ? "light" : "dark",
+    theme: THEMES.find((one) => one === stored.theme) ?? "dark",
     drag: DRAG_DIRECTIONS.find((one) => one === stored.drag) ?? "up-darker",
     wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
     shortcuts: stored.shortcuts !== false,
@@ -59,30 +67,25 @@ export function readPreferences(text: string | null, preferred: readonly string[
     linked_zoom: stored.linked_zoom !== false,
     panel: stored.panel !== false,
     task: TASKS.find((one) => one === stored.task) ?? "read",
+    unfolded: Array.isArray(stored.unfolded) ? stored.unfolded.filter((one) => typeof one === "string") : UNFOLDED,
     reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
     list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
 }
 
-function loadPreferences(): Preferences {
-  let text: string | null = null;
-  try {
-    text = localStorage.getItem(KEY);
-  } catch {
-    // A browser may forbid it.
-  }
-  return readPreferences(text, globalThis.navigator?.languages ?? []);
-}
-
-export const preferences = signal(loadPreferences());
+export const preferences = signal(
+  readPreferences(keptText("localStorage", KEY), globalThis.navigator?.languages ?? []),
+);
 
 /** Takes a preference over; in a frame beside another case it is one of the frame alone. */
 export function choose(change: Partial<Preferences>): void {
   preferences.value = { ...preferences.peek(), ...change };
-  if (parent !== window) return;
-  try {
-    localStorage.setItem(KEY, JSON.stringify(preferences.peek()));
-  } catch {
-    // They last until the page is closed, then.
-  }
+  if (parent === window) keep("localStorage", KEY, preferences.peek());
+}
+
+/** Remembers that a section is unfolded, or folded. */
+export function unfold(section: string, isOpen: boolean): void {
+  const { unfolded } = preferences.peek();
+  if (unfolded.includes(section) === isOpen) return;
+  choose({ unfolded: isOpen ? [...unfolded, section] : unfolded.filter((one) => one !== section) });
 }

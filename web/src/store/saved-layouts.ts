@@ -2,6 +2,7 @@
 
 import { signal } from "@preact/signals";
 
+import { keep, keptText } from "../base/kept.ts";
 import { number, t } from "../base/i18n.ts";
 import { MOST_LAYOUTS, type SavedLayout, boundName, readLayouts, recalled, savedAs } from "../model/saved-layouts.ts";
 import { announce } from "./announce.ts";
@@ -9,14 +10,7 @@ import type { Store } from "./store.ts";
 
 const KEY = "isocortex-layouts";
 
-/** A browser may forbid to store anything: then layouts last as long as the page is open. */
-function stored(): readonly SavedLayout[] {
-  try {
-    return readLayouts(localStorage.getItem(KEY));
-  } catch {
-    return [];
-  }
-}
+const stored = (): readonly SavedLayout[] => readLayouts(keptText("localStorage", KEY));
 
 export const savedLayouts = signal(stored());
 
@@ -25,13 +19,9 @@ globalThis.addEventListener?.("storage", ({ key }: StorageEvent) => {
   if (key === KEY) savedLayouts.value = stored();
 });
 
-function keep(layouts: readonly SavedLayout[]): void {
+function take(layouts: readonly SavedLayout[]): void {
   savedLayouts.value = layouts;
-  try {
-    localStorage.setItem(KEY, JSON.stringify(layouts));
-  } catch {
-    // They last until the page is closed, then.
-  }
+  keep("localStorage", KEY, layouts);
 }
 
 /** Shows the layout of a number from 1. */
@@ -54,8 +44,8 @@ export function saveLayout(store: Store, typed: string): string {
   if (before < 0 && layouts.length >= MOST_LAYOUTS) return t("layouts.full");
   const saved = savedAs(name, store.view.now);
   // Of the same name, in the same place.
-  keep(before < 0 ? [...layouts, saved] : layouts.with(before, saved));
+  take(before < 0 ? [...layouts, saved] : layouts.with(before, saved));
   return t("layouts.saved", { name });
 }
 
-export const removeLayout = (at: number): void => keep(savedLayouts.peek().toSpliced(at, 1));
+export const removeLayout = (at: number): void => take(savedLayouts.peek().toSpliced(at, 1));

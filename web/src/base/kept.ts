@@ -1,0 +1,19 @@
+// What the browser keeps of the page. It may forbid to: then all of it lasts until the page is closed.
+
+type Where = "localStorage" | "sessionStorage";
+
+export function keptText(where: Where, key: string): string | null {
+  try {
+    return globalThis[where].getItem(key);
+  } catch {
+    return null;
+  }
+}
+
+export function keep(where: Where, key: string, value: unknown): void {
+  try {
+    globalThis[where].setItem(key, JSON.stringify(value));
+  } catch {
+    // Forbidden, or full.
+  }
+}
