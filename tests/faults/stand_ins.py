@@ -90,7 +90,8 @@ esac
 
 def make_debian(buildah):
     """The image that the others, and the last stage of docker/Dockerfile, begin with."""
-    # What earlier runs made and no name leads to any more.
+    # What earlier runs made and no name leads to any more; one that was interrupted left its containers.
+    buildah("rm", "--all")
     buildah("rmi", "--prune")
 
     def of_debian(_, files):
