@@ -10,6 +10,7 @@ import { violations } from "./axe.ts";
 import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
+  COARSE,
   type Server,
   type Stage,
   type Watched,
@@ -59,7 +60,7 @@ before(
 
 after(() => stage?.end());
 
-async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}): Promise<Watched> {
+async function opened(rest: string, options: Parameters<typeof openPage>[1] = COARSE): Promise<Watched> {
   const watched = await openPage(browser, options);
   await watched.page.goto(`${new URL("/", server.address)}#${id}${rest}`);
   await shown(watched.page);

@@ -19,6 +19,7 @@ import type { MirrorPlane, Sphere } from "../../web/src/model/case.ts";
 import { violations } from "./axe.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
+  COARSE,
   type Server,
   type Stage,
   type Watched,
@@ -70,7 +71,7 @@ before(
 
 after(() => stage?.end());
 
-async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}, query = ""): Promise<Watched> {
+async function opened(rest: string, options: Parameters<typeof openPage>[1] = COARSE, query = ""): Promise<Watched> {
   const watched = await openPage(browser, options);
   await watched.page.goto(`${new URL(`/${query}`, server.address)}#${id}${rest}`);
   return watched;
@@ -367,7 +368,7 @@ test(
   { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
-    const watched = await openPage(browser);
+    const watched = await openPage(browser, COARSE);
     const { page, troubles } = watched;
     let told: object = { state: "making" };
     const asked: string[] = [];
@@ -566,7 +567,7 @@ test(
   { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
-    const { page, troubles } = await opened("&b=sharpness", {}, "?renderer=server");
+    const { page, troubles } = await opened("&b=sharpness", COARSE, "?renderer=server");
     const saturated = async (path: string): Promise<number> =>
       page.evaluate(
         async (base64) => {
@@ -614,7 +615,7 @@ test(
   { skip, timeout: 600_000 },
   async (context) => {
     if (!has_maps) return context.skip("the head has no maps");
-    const { page, troubles } = await opened("&l=both", {}, "?renderer=server");
+    const { page, troubles } = await opened("&l=both", COARSE, "?renderer=server");
     await shown(page);
     await page.getByRole("button", { name: "List places with a thick cortex" }).click();
     await page.locator(".candidates tr.place").first().waitFor({ state: "attached" });

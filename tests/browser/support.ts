@@ -14,6 +14,7 @@ import { cp, mkdir, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { createInterface } from "node:readline";
+import { inspect } from "node:util";
 
 import { type Browser, type BrowserContext, type BrowserContextOptions, type Page, chromium } from "playwright-core";
 
@@ -205,6 +206,12 @@ export interface Watched {
   readonly troubles: string[];
 }
 
+/**
+ * A quarter of the pixels, on the same page: what software draws for a test that judges words, places and lists, and
+ * no pixel of the surface. Drawing takes most of the time of these tests.
+ */
+export const COARSE: BrowserContextOptions = { deviceScaleFactor: 0.5 };
+
 export async function openPage(browser: Browser, options: BrowserContextOptions = {}): Promise<Watched> {
   const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, locale: "en-GB", ...options });
   // As long as a busy machine may take: what comes at all comes much sooner.
@@ -367,8 +374,7 @@ export async function rested(page: Page): Promise<void> {
 }
 
 /**
- * Asks again and again until an answer is good, and resolves to the last one: a test says then what it should have
- * been.
+ * Asks again and again until an answer is good, and resolves to it. A wait that nothing ends fails with the last answer.
  */
 export async function until<Value>(
   ask: () => Promise<Value>,
@@ -378,7 +384,8 @@ export async function until<Value>(
   const deadline = Date.now() + 1000 * seconds;
   for (;;) {
     const value = await ask();
-    if (isGood(value) || Date.now() > deadline) return value;
+    if (isGood(value)) return value;
+    assert.ok(Date.now() < deadline, `after ${seconds} s the answer is still ${inspect(value)}`);
     await new Promise((resolve) => setTimeout(resolve, 50));
   }
 }
