@@ -140,7 +140,7 @@ fn paths_of(router: &axum::Router) -> BTreeSet<String> {
 }
 
 /// The rows of all routes by method and path.
-fn rows(server: &Server) -> BTreeMap<(String, String), (&'static str, Audited)> {
+pub(crate) fn rows(server: &Server) -> BTreeMap<(String, String), (&'static str, Audited)> {
     let service = service::routes::scopes(&server.state);
     let pacs::Guarded { uploads, answers } = pacs::guarded_routes(&server.pacs);
     let (_, of_pacs) = uploads.and(answers).into_parts();

@@ -74,7 +74,7 @@ pub use slice::{
     draw_acquired_slice, draw_slice,
 };
 pub use splat::{draw_splat, draw_splat_while, splat_hits};
-pub use state::{sheet_texts, slice_texts, state_texts};
+pub use state::{SOFTWARE, sheet_texts, slice_texts, state_texts};
 pub use surface::Wanted;
 pub use trace::{draw_trace, draw_trace_while, trace_hits};
 pub use window::{Window, WindowFunction};

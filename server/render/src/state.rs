@@ -6,7 +6,7 @@ use crate::annotate::edge_letters;
 use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window, WindowFunction};
 
 /// The name of the program in each picture.
-const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
+pub const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
 
 /// The state needed to draw a picture again, as PNG texts (keyword, value) for [`crate::encode_png`], which adds the
 /// notice itself.

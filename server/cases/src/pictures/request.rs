@@ -69,27 +69,26 @@ fn default_ambient() -> f64 {
 #[cfg_attr(feature = "openapi", derive(utoipa::IntoParams, utoipa::ToSchema))]
 #[cfg_attr(feature = "openapi", schema(as = RenderQuery))]
 #[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct PictureRequest {
     /// Depth below the envelope in mm; a greater depth than the maximum of the case is clamped to it.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, default = 0))]
     pub depth_mm: f32,
     /// The surface below which depth is measured. `left` and `right` are the halves of the cerebrum, closed along the falx:
     /// there, the inner side is peeled too. `cerebrum` is without cerebellum and brain stem. If the parts of the brain are in
     /// doubt, only `whole` exists; the answer is then 409 `no-surfaces`. The CPU draws all but `whole`.
-    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[serde(skip_serializing_if = "SurfaceName::is_whole")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub surface: SurfaceName,
     /// `map` is the flat map: each hemisphere as an equal-area disc around its outer or inner side, left on the left, of which every
     /// pixel is a line of sight to the middle of the hemisphere. Then `view` and `orientation` are not accepted, and only
     /// `renderer=trace` draws.
-    #[serde(default, skip_serializing_if = "PictureProjection::is_orthographic")]
+    #[serde(skip_serializing_if = "PictureProjection::is_orthographic")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub projection: PictureProjection,
     /// With `projection=map`, the sides to show: by default `outer`. Inner sides are those of the surfaces `left` and `right`, whatever
     /// `surface` is; without them, the answer is 409 `no-surfaces`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub sides: Option<MapSides>,
     /// A named view; by default `left`, unless `orientation` is given. `mesial-left`, the inner side of the left hemisphere, is
@@ -101,19 +100,15 @@ pub struct PictureRequest {
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0,0,1"))]
     pub orientation: Option<Numbers<4>>,
     /// The renderer; `auto` is `trace`. A header of the answer states which one drew.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub renderer: Renderer,
     /// Width in pixels.
-    #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub width: u32,
     /// Height in pixels.
-    #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub height: u32,
     /// The magnification; 1 fits the bounding sphere of the envelope into the smaller side, or the map into the picture.
-    #[serde(default = "default_zoom")]
     #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
     pub zoom: f64,
     /// The shift of the head to the right and up, in mm: `x,y`. A map shifts as a sphere with a radius of 70 mm would.
@@ -128,70 +123,62 @@ pub struct PictureRequest {
     pub window: Option<Numbers<2>>,
     /// The function of `window`; `sigmoid` is that of DICOM: the brightness is 1 / (1 + exp(-4 (x - c) / w)), and the
     /// width above 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub window_function: Option<WindowFunction>,
     /// The colour map.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub colormap: ColorMap,
     /// Intensities are averaged over this depth to either side, in mm. `width` × `height` × (1 + `slab_mm`) is at most 67,108,864.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 20, default = 0))]
     pub slab_mm: f64,
     /// The fraction of ambient light; 1 turns the shading off.
-    #[serde(default = "default_ambient")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1, default = 0.3))]
     pub ambient: f64,
     /// The background.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub background: Background,
     /// Contours of the mesh, for the renderer `mesh`. Fewer are faster, and grossly wrong where the surface is hollow.
-    #[serde(default = "default_picture_count")]
     #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 512, default = 200))]
     pub contours: usize,
     /// Points on each contour of the mesh, for the renderer `mesh`.
-    #[serde(default = "default_picture_count")]
     #[cfg_attr(feature = "openapi", param(minimum = 3, maximum = 1024, default = 200))]
     pub points: usize,
     /// The paths of the vertices, for the renderer `mesh`. At great depths, meshes along the gradient are closer to the
     /// exact picture than meshes along the forest, which tear.
-    #[serde(default = "default_paths")]
     #[cfg_attr(feature = "openapi", param(schema_with = paths_schema))]
     pub paths: PathKind,
     /// Whether to draw the label, day and short id of the case, depth, window, scale, directions and the notice into
     /// the picture, and the colours of an overlay.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,
     /// The layer to show instead of the intensities: the name of a map, or the name or id of an uploaded layer.
     /// `window` then refers to its values.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "FLAIR"))]
     pub layer: Option<LayerRef>,
     /// The layer to show in colours over the grey texture: the name of a map, or the name or id of an uploaded layer.
     /// Undefined parts are transparent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "blur"))]
     pub overlay: Option<LayerRef>,
     /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,5"))]
     pub overlay_window: Option<Numbers<2>>,
     /// The colours of the overlay; by default from the layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub overlay_colormap: Option<ColorMap>,
     /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
     /// in over a tenth of its window. By default from the layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub overlay_threshold: Option<f64>,
     /// The opacity of the overlay, 0 to 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1))]
     pub overlay_opacity: Option<f64>,
 }

@@ -21,41 +21,37 @@ use crate::error::Error;
 /// A picture of a slice.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::IntoParams), into_params(parameter_in = Query))]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct SliceQuery {
     /// The LPS coordinate across the plane, in mm; by default the middle of the grid. Not for `oblique`.
     pub position_mm: Option<f64>,
     /// A point of an oblique plane (LPS mm), which is shown in the middle: `x,y,z`. Required for `oblique`, and only for it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "-38,-20,30"))]
     pub position: Option<Numbers<3>>,
     /// The direction across an oblique plane (LPS): `x,y,z`. By default the plane is the one across the sulcus: it holds the normal
     /// of the surface below the envelope and the steepest direction of the map `blur`; of the intensities if the case has no maps.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,1,0"))]
     pub normal: Option<Numbers<3>>,
     /// Turns the plane across the sulcus about the normal of the surface, in degrees. Not with `normal`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub turn_deg: Option<f64>,
     /// The surface below which depths are measured. `left` and `right` are the halves of the cerebrum, closed along the falx;
     /// `cerebrum` is without cerebellum and brain stem. There are no contours where a fence is nearer than the dura.
-    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[serde(skip_serializing_if = "SurfaceName::is_whole")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub surface: SurfaceName,
     /// Depths in mm of the contours: at most 16, separated by commas.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "5,10"))]
     pub depth_mm: NumberList,
     /// Width in pixels.
-    #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub width: u32,
     /// Height in pixels.
-    #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub height: u32,
     /// 1 shows the slice at the scale of a render.
-    #[serde(default = "default_zoom")]
     #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
     pub zoom: f64,
     /// The shift of the slice to the right and up, in mm: `x,y`.
@@ -67,47 +63,45 @@ pub struct SliceQuery {
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "80,120"))]
     pub window: Option<Numbers<2>>,
     /// The colour map.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub colormap: ColorMap,
     /// On which side of axial and coronal slices the patient's left is: at the right (radiological) or at the left.
-    #[serde(default, skip_serializing_if = "SliceConvention::is_default")]
+    #[serde(skip_serializing_if = "SliceConvention::is_default")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub convention: SliceConvention,
     /// Whether to draw the label, day and short id of the case, position, window, scale, depths of the contours,
     /// directions and the notice into the picture.
-    #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub annotate: bool,
     /// The layer to show instead of the intensities: the name of a map, or the name or id of an added layer. `window`
     /// then refers to its values.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "FLAIR"))]
     pub layer: Option<LayerRef>,
     /// The layer to show in colours over the grey texture: the name of a map, or the name or id of an added layer.
     /// Undefined parts are transparent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "blur"))]
     pub overlay: Option<LayerRef>,
     /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,5"))]
     pub overlay_window: Option<Numbers<2>>,
     /// The colours of the overlay; by default from the layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub overlay_colormap: Option<ColorMap>,
     /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
     /// in over a tenth of its window. By default from the layer.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub overlay_threshold: Option<f64>,
     /// The opacity of the overlay, 0 to 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1))]
     pub overlay_opacity: Option<f64>,
     /// Whether the overlay is drawn as its edges alone: lines where its values rise steepest within its window. Its
     /// colours, threshold and opacity do not matter then. A label map has no edges.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub edges: bool,
 }

@@ -19,6 +19,7 @@ use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 use crate::series::Arrivals;
+use crate::store::REJECTION_NOTE;
 use crate::values::{ArrivalSource, Reception};
 
 /// What the name of a peer begins with in the audit record, so that none is the name of a token, or of somebody who has signed in.
@@ -511,8 +512,7 @@ impl Messages<'_> {
 
 /// Whether an object is a list, such as a rejection note.
 fn is_list(request: &Request) -> bool {
-    let class = "1.2.840.10008.5.1.4.1.1.88.59";
-    matches!(request, Request::Store { object, .. } if object.sop_class_uid == class)
+    matches!(request, Request::Store { object, .. } if object.sop_class_uid == REJECTION_NOTE)
 }
 
 /// The status for an error of the application.

@@ -24,6 +24,7 @@ use storage::{Store, StoreError};
 pub use self::copy::{CopiedStep, OfPacs};
 use self::counts::ImageCounts;
 pub use self::counts::ImageStatus;
+pub(crate) use self::results::REJECTION_NOTE;
 pub use self::tables::PacsTables;
 use crate::values::ArrivalSource;
 

@@ -266,7 +266,7 @@ pub(super) async fn not_to_send(
 }
 
 /// The class of rejection notes, Key Object Selection, which no other result has.
-const REJECTION_NOTE: &str = "1.2.840.10008.5.1.4.1.1.88.59";
+pub(crate) const REJECTION_NOTE: &str = "1.2.840.10008.5.1.4.1.1.88.59";
 
 fn read_series(row: &Row) -> Result<ResultSeries, StoreError> {
     Ok(ResultSeries {

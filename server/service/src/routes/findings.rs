@@ -1,14 +1,12 @@
 //! The findings of a case: what readers have marked and written.
 
-use std::fmt::Write as _;
-
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use case::CaseId;
 use case::findings::{Certainty, Finding};
+use case::{CaseId, Gyrus, MapName, PatientSide};
 use cases::findings::{Findings, NotReplaced};
 use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
@@ -263,33 +261,59 @@ fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Represe
     }
 }
 
-/// A row for each point.
+/// The columns of the CSV, which has a row for each point: their names, and what is in them of a finding, the number of a point and the point.
+type Column = (&'static str, fn(&Finding, usize, [f64; 3]) -> String);
+const COLUMNS: [Column; 19] = [
+    ("finding", |finding, _, _| finding.id.to_string()),
+    ("kind", |finding, _, _| finding.kind.name().to_owned()),
+    ("point", |_, number, _| number.to_string()),
+    ("left_mm", |_, _, [x, _, _]| x.to_string()),
+    ("posterior_mm", |_, _, [_, y, _]| y.to_string()),
+    ("superior_mm", |_, _, [_, _, z]| z.to_string()),
+    ("depth_mm", |finding, _, _| finding.depth_mm.to_string()),
+    ("side", |finding, _, _| {
+        word(finding.side.map(PatientSide::name))
+    }),
+    ("certainty", |finding, _, _| {
+        word(finding.certainty.map(Certainty::name))
+    }),
+    ("dismissed", |finding, _, _| {
+        finding.is_dismissed.to_string()
+    }),
+    ("map", |finding, _, _| {
+        word(finding.from_map.map(MapName::name))
+    }),
+    ("label", |finding, _, _| quoted(&finding.label)),
+    ("note", |finding, _, _| quoted(&finding.note)),
+    ("colour", |finding, _, _| finding.colour.to_string()),
+    ("author", |finding, _, _| {
+        quoted(finding.author.as_deref().unwrap_or_default())
+    }),
+    ("created_at", |finding, _, _| {
+        word(finding.created_at.as_deref())
+    }),
+    ("changed_at", |finding, _, _| {
+        word(finding.changed_at.as_deref())
+    }),
+    ("gyrus", |finding, _, _| {
+        word(finding.gyrus.map(Gyrus::name))
+    }),
+    ("unconfirmed", |finding, _, _| {
+        finding.is_unconfirmed.to_string()
+    }),
+];
+
+/// A field that is empty where there is nothing.
+fn word(known: Option<&str>) -> String {
+    known.unwrap_or_default().to_owned()
+}
+
 fn csv(findings: &[Finding]) -> String {
-    let mut text = "finding,kind,point,left_mm,posterior_mm,superior_mm,depth_mm,side,certainty,dismissed,map,label,note,\
-                    colour,author,created_at,changed_at,gyrus,unconfirmed\r\n"
-        .to_owned();
+    let mut rows = vec![COLUMNS.map(|(name, _)| name.to_owned()).join(",")];
     for finding in findings {
-        for (number, [x, y, z]) in (1..).zip(&finding.points_in_patient) {
-            let _ = write!(
-                text,
-                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
-                finding.id,
-                finding.kind.name(),
-                finding.depth_mm,
-                finding.side.map_or("", case::PatientSide::name),
-                finding.certainty.map_or("", Certainty::name),
-                finding.is_dismissed,
-                finding.from_map.map_or("", case::MapName::name),
-                quoted(&finding.label),
-                quoted(&finding.note),
-                finding.colour,
-                quoted(finding.author.as_deref().unwrap_or_default()),
-                finding.created_at.as_deref().unwrap_or_default(),
-                finding.changed_at.as_deref().unwrap_or_default(),
-                finding.gyrus.map_or("", case::Gyrus::name),
-                finding.is_unconfirmed,
-            );
+        for (number, &point) in (1..).zip(&finding.points_in_patient) {
+            rows.push(COLUMNS.map(|(_, of)| of(finding, number, point)).join(","));
         }
     }
-    text
+    rows.iter().map(|row| format!("{row}\r\n")).collect()
 }

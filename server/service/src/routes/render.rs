@@ -161,9 +161,6 @@ pub(super) fn with_version(variant: String, version: Option<String>) -> String {
     }
 }
 
-/// The program name in every picture.
-pub(crate) const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
-
 /// Adds the headers with renderer, device and reduction.
 fn describe(image: &EncodedImage, headers: &mut HeaderMap) {
     describe_backend(&image.backend, headers);

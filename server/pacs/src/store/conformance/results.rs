@@ -217,7 +217,7 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
     let waiting = queue(store, &of("other", vec![layer])).await;
     let note = NewResult {
         series: ResultSeries {
-            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.88.59"),
+            sop_class_uid: uid(super::super::REJECTION_NOTE),
             series_uid: uid("2.25.8"),
         },
         instance: uid("2.25.10"),

@@ -10,7 +10,7 @@ use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-use super::super::render::SOFTWARE;
+use render::SOFTWARE;
 
 /// A file with many pictures.
 pub(super) enum File {
