@@ -398,7 +398,7 @@ impl Quality {
         self.judge_opinion(network);
         if matches!(network, Opinion::Uncertain) {
             self.say(Verdict::Review, "network-uncertain", || {
-                "the network is not certain of a brain in this volume, which is 0 around something; is it a skull-stripped T1-weighted head?"
+                "the network is not certain of a brain in this volume, which is exactly 0 outside; is it a T1-weighted head without its skull?"
                     .to_owned()
             });
         }

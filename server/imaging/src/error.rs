@@ -208,7 +208,7 @@ pub enum ImagingError {
         max: f64,
     },
     /// The gzip stream ends early.
-    #[error("the gzip file is truncated")]
+    #[error("the gzip file is truncated; send a complete copy")]
     GzipTruncated,
     /// The gzip stream is damaged, or its checksum is wrong.
     #[error("the gzip file is damaged: its data or its checksum is wrong")]

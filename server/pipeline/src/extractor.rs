@@ -77,7 +77,7 @@ pub enum NoNetwork {
         source: std::io::Error,
     },
     /// The file does not contain the weights.
-    #[error("the network's weights {} cannot be used: {source}", .path.display())]
+    #[error("the network's weights {} cannot be used: {source}; fetch the file again", .path.display())]
     Unusable {
         path: PathBuf,
         source: ExtractionError,

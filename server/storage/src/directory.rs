@@ -9,6 +9,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use crate::error::at;
 use crate::keep_private;
 
 /// While other processes run, an unfinished file is left over after this time without a write.
@@ -34,9 +35,9 @@ impl Directory {
     where
         E: From<io::Error> + From<OtherUser>,
     {
-        create_private(root)?;
+        create_private(root).map_err(at(root))?;
         keep_private(root, "the folder of the store");
-        std::fs::create_dir_all(root.join("uploads"))?;
+        std::fs::create_dir_all(root.join("uploads")).map_err(at(root))?;
         let lock = OpenOptions::new()
             .create(true)
             .truncate(false)

@@ -2,7 +2,8 @@
 
 use std::borrow::Cow;
 use std::error::Error;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -67,7 +68,7 @@ pub enum StoreError {
     OlderSchema,
     /// There is no store at a location.
     #[error(
-        "there is no store here: {0}. Is the folder mounted, and is the address right? `isocortex init-store` makes a new store"
+        "there is no store here: {0}. Is the folder mounted, and is the address right? `isocortex init-store`, with the same options, makes a new store"
     )]
     NoStore(&'static str),
     /// The rows belong to one store, the objects to another or to none.
@@ -75,8 +76,8 @@ pub enum StoreError {
     Mismatch(Mismatch),
     /// The store belongs to another user of this machine, by its number.
     #[error(
-        "the store belongs to the user {0}, who could not read what this program writes as another user: \
-         run it as that user (`sudo -u '#{0}' isocortex …`), or give the whole store to the user of this program (`chown -R`)"
+        "the store belongs to the user {0}, who could not read what this program writes as another user: run it as that user \
+         (`setpriv --reuid={0} --clear-groups isocortex …`)"
     )]
     OtherUser(u32),
     /// The rows cannot be read or written.
@@ -108,6 +109,11 @@ pub enum StoreError {
     /// A task of the store was stopped: the process is shutting down, or there is an internal error.
     #[error("the store stopped during the operation")]
     Stopped(#[from] tokio::task::JoinError),
+}
+
+/// Names a path in an error of the disk.
+pub(crate) fn at(path: &Path) -> impl Fn(io::Error) -> io::Error {
+    move |error| io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
 /// What was read of a source; `None` if it is missing too, where what it is compared with does not depend on it alone.

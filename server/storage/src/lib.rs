@@ -255,7 +255,11 @@ impl Store {
 
     /// A new store on any rows and objects; uploads are spooled in the system's temporary directory.
     async fn on(rows: Rows, objects: Objects, options: Options) -> Result<Self, StoreError> {
-        let uploads = tempfile::Builder::new().prefix("isocortex-").tempdir()?;
+        let uploads = tempfile::Builder::new().prefix("isocortex-").tempdir();
+        let uploads = uploads.map_err(|error| {
+            let advice = "set TMPDIR to a folder that exists and can be written";
+            std::io::Error::new(error.kind(), format!("{error}; {advice}"))
+        })?;
         identity::compare_or_make(&rows, &objects).await?;
         Ok(Self::new(rows, objects, Place::Temporary(uploads), options))
     }

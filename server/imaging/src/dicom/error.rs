@@ -13,7 +13,7 @@ use crate::ImagingError;
 #[non_exhaustive]
 pub enum DicomError {
     /// No file is DICOM.
-    #[error("none of the {files} files is DICOM; the first is {found}")]
+    #[error("none of {files} files is DICOM; the first is {found}")]
     NoDicom {
         /// Number of files.
         files: usize,

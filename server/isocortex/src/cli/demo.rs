@@ -137,7 +137,9 @@ fn on_any_port(mut config: crate::config::Config) -> crate::config::Config {
 fn temporary_directory() -> Result<tempfile::TempDir, CliError> {
     let made = tempfile::Builder::new().prefix("isocortex-demo-").tempdir();
     made.map_err(|error| {
-        let message = format!("cannot create a temporary directory: {error}");
+        let message = format!(
+            "cannot create a temporary directory: {error}; set TMPDIR to a folder that exists and can be written"
+        );
         CliError::new(ExitStatus::CannotCreate, message)
     })
 }

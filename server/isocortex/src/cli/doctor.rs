@@ -1,5 +1,6 @@
 //! `isocortex doctor`.
 
+use std::io::ErrorKind;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -47,7 +48,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<(), CliError> {
         ("address", address(&config)),
         (
             "store",
-            store(&config).map_err(|problem| of_service(problem, args, Path::new(SERVICE))),
+            of_service(store(&config), args, Path::new(SERVICE)),
         ),
     ];
     for (name, finding) in findings {
@@ -72,7 +73,7 @@ fn program() -> Finding {
     match others.next() {
         None => Ok(format!("{} in {}", super::version(), own.display())),
         Some(other) => Err(format!(
-            "{} in {}, and another one in {}: remove one of them",
+            "{} in {}, and another one in {}: remove one with what installed it (`apt`, `pip`, or `rm`)",
             super::version(),
             own.display(),
             other.display()
@@ -82,7 +83,7 @@ fn program() -> Finding {
 
 fn weights(config: &Config) -> Finding {
     let extractor = Extractor::open(config.prepare.network.as_deref());
-    let extractor = extractor.map_err(|error| format!("{error}; fetch the file again"))?;
+    let extractor = extractor.map_err(|error| error.to_string())?;
     match extractor.has_network() {
         true => Ok("brains are extracted by the network".to_owned()),
         false => Err(format!(
@@ -164,12 +165,14 @@ fn address(config: &Config) -> Finding {
     let listen = config.http.listen;
     match TcpListener::bind(listen) {
         Ok(_) => Ok(format!("{listen} is free")),
-        Err(error) => Err(format!(
-            "{listen}: {error}; a server may run there already, otherwise use `--listen`"
+        Err(error) if error.kind() == ErrorKind::AddrInUse => Ok(format!(
+            "{listen} is in use, by the service or by another program: for a second server use `--listen`"
         )),
+        Err(error) => Err(format!("{listen}: {error}; use `--listen`")),
     }
 }
 
+/// The demo and `render` need none.
 fn store(config: &Config) -> Finding {
     let storage = &config.storage;
     let folder = &storage.data;
@@ -177,8 +180,8 @@ fn store(config: &Config) -> Finding {
         return Ok("in a database and a bucket: `isocortex check-store`".to_owned());
     }
     if !folder.is_dir() {
-        return Err(format!(
-            "there is none in {0}: `isocortex init-store --data {0}`",
+        return Ok(format!(
+            "none in {0}; before you serve: `isocortex init-store --data {0}`",
             folder.display()
         ));
     }
@@ -191,15 +194,17 @@ fn store(config: &Config) -> Finding {
     }
 }
 
-/// A problem with a store that may be another one than meant: whoever names no configuration gets that of the folder they are in.
-fn of_service(problem: String, args: &DoctorArgs, service: &Path) -> String {
-    match args.serve.common.store.config.is_none() && service.exists() {
-        true => format!(
-            "{problem}; the service has another one: `--config {}`",
+/// A store that may be another one than meant: whoever names no configuration gets that of the folder they are in.
+fn of_service(found: Finding, args: &DoctorArgs, service: &Path) -> Finding {
+    let is_named = args.serve.common.store.config.is_some() || !service.exists();
+    let named = |words| match is_named {
+        true => words,
+        false => format!(
+            "{words}; the service has another one: `--config {}`",
             service.display()
         ),
-        false => problem,
-    }
+    };
+    found.map(named).map_err(named)
 }
 
 /// The bytes of all files below a folder.
@@ -244,10 +249,10 @@ mod tests {
     fn a_missing_store_is_named_with_the_command_that_makes_it() {
         let mut config = Config::default();
         config.storage.data = "/nowhere/cases".into();
-        let problem = store(&config).unwrap_err();
+        let found = store(&config).unwrap();
         assert!(
-            problem.contains("`isocortex init-store --data /nowhere/cases`"),
-            "{problem}"
+            found.contains("`isocortex init-store --data /nowhere/cases`"),
+            "{found}"
         );
     }
 
@@ -260,7 +265,7 @@ mod tests {
         }
         let words = |line: &[&str], service: &str| {
             let doctor = <Doctor as clap::Parser>::try_parse_from(line).unwrap();
-            of_service("none".to_owned(), &doctor.args, Path::new(service))
+            of_service(Ok("none".to_owned()), &doctor.args, Path::new(service)).unwrap()
         };
         let here = tempfile::NamedTempFile::new().unwrap();
         let here = here.path().to_str().unwrap();
@@ -274,8 +279,8 @@ mod tests {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut config = Config::default();
         config.http.listen = taken.local_addr().unwrap();
-        assert!(address(&config).unwrap_err().contains("use `--listen`"));
+        assert!(address(&config).unwrap().contains("use `--listen`"));
         drop(taken);
-        assert!(address(&config).is_ok());
+        assert!(address(&config).unwrap().ends_with("is free"));
     }
 }

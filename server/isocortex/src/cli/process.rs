@@ -10,7 +10,7 @@ use super::status::{CliError, ExitStatus};
 pub(super) async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError> {
     let taken = |error| {
         let message = format!(
-            "cannot listen on {listen}: {error}; end what listens there, or choose another port"
+            "cannot listen on {listen}: {error}; end what listens there, or choose another address (`--listen`, `http.listen`)"
         );
         CliError::new(ExitStatus::Unavailable, message)
     };

@@ -105,6 +105,17 @@ impl RenderArgs {
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let picture = args.request()?.checked()?;
+    if args
+        .output
+        .extension()
+        .is_some_and(|kind| !kind.eq_ignore_ascii_case("png"))
+    {
+        let message = format!(
+            "`--output` {}: only PNG is written; name the file *.png",
+            args.output.display()
+        );
+        return Err(CliError::new(ExitStatus::Usage, message));
+    }
     check_output(&args.output)?;
     let png = super::block_on(async {
         // Splatting needs no GPU.

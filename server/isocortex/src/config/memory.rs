@@ -14,6 +14,11 @@ pub(super) fn limit() -> Option<u64> {
     limit_of(&groups, Path::new("/sys/fs/cgroup"))
 }
 
+/// The limit of the addresses of this process (`ulimit -v`), if it has one.
+pub(super) fn of_process() -> Option<u64> {
+    rustix::process::getrlimit(rustix::process::Resource::As).current
+}
+
 /// The memory of the machine, if the kernel states it.
 pub(super) fn of_machine() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;

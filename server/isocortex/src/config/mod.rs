@@ -554,10 +554,8 @@ impl Config {
 
     /// The memory of the container or, if it is not limited, of the machine, in bytes.
     pub(crate) fn memory_bytes() -> Option<u64> {
-        memory::limit()
-            .into_iter()
-            .chain(memory::of_machine())
-            .min()
+        let limits = [memory::limit(), memory::of_process(), memory::of_machine()];
+        limits.into_iter().flatten().min()
     }
 
     /// The memory that this process and a preparation of the largest volume need, in bytes.

@@ -11,6 +11,7 @@ use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPay
 
 use super::frame::{Framed, plain_header, unframe};
 use super::{ObjectError, ObjectName, Spooled, link};
+use crate::error::at;
 use crate::identity::Label;
 
 /// The object with the id of the store.
@@ -65,7 +66,7 @@ impl Objects {
     /// # Errors
     /// If the directory cannot be used.
     pub(crate) fn in_directory(directory: &Path) -> Result<Self, ObjectError> {
-        std::fs::create_dir_all(directory)?;
+        std::fs::create_dir_all(directory).map_err(at(directory))?;
         let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
         Ok(Self {
             directory: Some(directory.to_owned()),
