@@ -1,7 +1,7 @@
 //! A third simulator, which changes structure alone and leaves noise and texture as they were acquired.
 //!
-//! The structure of a voxel is the mean tissue scale of the voxels around the lesion that are equally far from the junction of
-//! grey and white matter; its texture is the residual. Within a random blob,
+//! The structure of a voxel is the mean tissue scale of the voxels around it that are equally far from the junction of grey and
+//! white matter; its texture is the residual. Within a random blob,
 //! * **blur** convolves the profile of the structure across the junction with a Gaussian;
 //! * **thickening** moves that profile into white matter;
 //! * **darker white** and **brighter grey matter** follow the tissue scale after a Gaussian.
@@ -21,6 +21,8 @@ const BALLS: usize = 6;
 const APART: f64 = 0.6;
 /// The middle between grey and white, at which the junction is.
 const MIDDLE: f64 = 0.5;
+/// The Gaussian around a voxel that counts for its profile, in mm: widths and intensities vary from place to place.
+const AROUND_MM: f64 = 2.5;
 /// The greatest distance from the junction of a profile, the step of its samples, and the Gaussian over them, in mm.
 const PROFILE_MM: f64 = 6.0;
 const STEP_MM: f64 = 0.25;
@@ -66,16 +68,19 @@ impl Profile {
         (-count..=count).map(|step| f64::from(step) * STEP_MM)
     }
 
-    /// The profile of voxels. Fluid is left out.
-    fn of(voxels: &[Voxel]) -> Self {
+    /// The profile around a position, where near voxels count most. Fluid is left out.
+    fn around(position: DVec3, voxels: &[Voxel]) -> Self {
         let mut bins = vec![(0.0, 0.0); Self::distances().count()];
-        let is_counted = |voxel: &&Voxel| {
-            voxel.from_junction_mm.abs() <= PROFILE_MM && voxel.steady >= f64::from(GREY[0])
-        };
-        for voxel in voxels.iter().filter(is_counted) {
+        for voxel in voxels {
+            let away_mm = voxel.position.distance(position);
+            let is_fluid = voxel.steady < f64::from(GREY[0]);
+            if is_fluid || away_mm > 3.0 * AROUND_MM || voxel.from_junction_mm.abs() > PROFILE_MM {
+                continue;
+            }
             let bin = ((voxel.from_junction_mm + PROFILE_MM) / STEP_MM).round() as usize;
-            bins[bin].0 += 1.0;
-            bins[bin].1 += voxel.value;
+            let weight = gaussian(away_mm, AROUND_MM);
+            bins[bin].0 += weight;
+            bins[bin].1 += weight * voxel.value;
         }
         let mean_at = |at: f64| {
             let weighted = Self::distances().zip(&bins).map(|(mm, (count, sum))| {
@@ -96,19 +101,17 @@ impl Profile {
         self.0[before] + part * (self.0[after] - self.0[before])
     }
 
-    fn widened(&self, blur_mm: f64) -> Self {
+    /// The value at a distance of the profile convolved with a Gaussian.
+    fn widened_at(&self, distance_mm: f64, blur_mm: f64) -> f64 {
         if blur_mm <= 0.0 {
-            return Self(self.0.clone());
+            return self.at(distance_mm);
         }
-        let mean_at = |at: f64| {
-            let weighted = Self::distances().map(|mm| {
-                let weight = gaussian(mm, blur_mm);
-                (weight, weight * self.at(at + mm))
-            });
-            let (total, sum) = weighted.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-            sum / total
-        };
-        Self(Self::distances().map(mean_at).collect())
+        let weighted = Self::distances().map(|mm| {
+            let weight = gaussian(mm, blur_mm);
+            (weight, weight * self.at(distance_mm + mm))
+        });
+        let (total, sum) = weighted.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+        sum / total
     }
 }
 
@@ -181,16 +184,19 @@ pub(super) fn widened(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
     let voxel_mm3 = canvas.block.spacing_mm.iter().product();
     let blob = Blob::new(lesion, &part, voxel_mm3, &mut random);
     let tissue = tissue(&part, canvas);
-    let profile = Profile::of(&tissue);
-    let wide = profile.widened(effect.blur_mm);
+    let changes_profile = effect.blur_mm > 0.0 || effect.thickening_mm > 0.0;
     let mut voxels = canvas.volume.voxels().to_vec();
-    for voxel in tissue {
+    for voxel in &tissue {
         let share = fade(blob.outside_mm(voxel.position));
         let [grey, white] = [grey_share(voxel.steady), white_share(voxel.steady)];
-        let from_mm = voxel.from_junction_mm;
-        let moved = wide.at(from_mm - effect.thickening_mm) - profile.at(from_mm);
-        // Fluid, which is neither grey nor white, stays.
-        let mut change = share * (grey + white) * moved;
+        let mut change = 0.0;
+        if share > 0.0 && changes_profile {
+            let profile = Profile::around(voxel.position, &tissue);
+            let from_mm = voxel.from_junction_mm;
+            let moved = profile.widened_at(from_mm - effect.thickening_mm, effect.blur_mm);
+            // Fluid, which is neither grey nor white, stays.
+            change += share * (grey + white) * (moved - profile.at(from_mm));
+        }
         change += share * (effect.brightening * grey - effect.darkening * white);
         change -= band(lesion, voxel.position) * white * (1.0 - BAND_VALUE);
         if change != 0.0 {
