@@ -15,7 +15,7 @@ use super::trial::TrialArgs;
 
 /// Put synthetic lesions into heads, and count which the lists of the program find
 ///
-/// Blurs, mixtures, transmantle lesions and thickenings in turn, from two simulators. The table contains the hits with fewer
+/// Blurs, mixtures, transmantle lesions and thickenings in turn, from three simulators. The table contains the hits with fewer
 /// than 1, 5 and 20 false marks per head. Without --head, the synthetic head is used; this only shows that the program works.
 /// With --bids, real lesions are searched for instead.
 #[derive(Debug, Args)]

@@ -11,6 +11,7 @@ mod search;
 mod stored;
 #[cfg(test)]
 mod tests;
+mod widen;
 
 pub use heads::{Finished, MaskFrom, StudyFolders, StudyHead};
 pub use lesion::{Effect, Lesion};
@@ -76,17 +77,19 @@ impl<'a> Ground<'a> {
     pub fn simulated(&self, lesion: &Lesion, simulator: Simulator) -> Volume {
         match simulator {
             Simulator::Displaced => self.with_lesion(lesion),
-            Simulator::Painted => {
-                let grain = || paint::Grain::of(&self.block, &self.values, &self.tissue);
-                let canvas = paint::Canvas {
-                    volume: self.head.volume,
-                    block: &self.block,
-                    values: &self.values,
-                    tissue: &self.tissue,
-                    grain: *self.grain.get_or_init(grain),
-                };
-                paint::painted(&canvas, lesion)
-            }
+            Simulator::Painted => paint::painted(&self.canvas(), lesion),
+            Simulator::Widened => widen::widened(&self.canvas(), lesion),
+        }
+    }
+
+    fn canvas(&self) -> paint::Canvas<'_> {
+        let grain = || paint::Grain::of(&self.block, &self.values, &self.tissue);
+        paint::Canvas {
+            volume: self.head.volume,
+            block: &self.block,
+            values: &self.values,
+            tissue: &self.tissue,
+            grain: *self.grain.get_or_init(grain),
         }
     }
 

@@ -1,4 +1,4 @@
-//! The page of results: four lesions from both simulators, in the lists that the program makes.
+//! The page of results: four lesions from each simulator, in the lists that the program makes.
 
 use std::fmt::Write;
 

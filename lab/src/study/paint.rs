@@ -26,12 +26,12 @@ const FADE_MM: f64 = 1.5;
 /// The Gaussian of the tissue scale that tells grey from white matter, in mm; noise would make specks.
 const STEADY_MM: f64 = 0.8;
 /// Grey matter, in that tissue scale.
-const GREY: [f32; 2] = [-0.5, 0.5];
+pub(super) const GREY: [f32; 2] = [-0.5, 0.5];
 /// The distance over which the paint ends, in mm.
 const PAINT_EDGE_MM: f64 = 1.0;
 /// The radii of a band at the lesion and at the ventricle, in mm, and the tissue scale of its paint.
 const BAND_MM: [f64; 2] = [2.5, 1.5];
-const BAND_VALUE: f64 = 0.75;
+pub(super) const BAND_VALUE: f64 = 0.75;
 /// Deep white matter: everything within so many voxels is at least this bright; and how many voxels one is looked at.
 const WHITE_FROM: f32 = 0.7;
 const WHITE_REACH: usize = 3;
@@ -50,6 +50,33 @@ pub(super) struct Canvas<'a> {
     pub(super) tissue: &'a TissueScale,
     /// The noise of the head.
     pub(super) grain: Grain,
+}
+
+impl Canvas<'_> {
+    /// Puts a value of the tissue scale into a voxel of the block. The bias of the coil, which the tissue scale is free of, is that
+    /// of the voxel.
+    pub(super) fn put(&self, voxels: &mut [u16], in_block: [usize; 3], after: f64) {
+        let Self { volume, tissue, .. } = *self;
+        let rescale = volume.rescale();
+        let intensity_of =
+            |value: f64| f64::from(tissue.grey) + f64::from(tissue.white - tissue.grey) * value;
+        let native = [0, 1, 2].map(|axis| in_block[axis] + self.block.first[axis]);
+        let stored = &mut voxels[volume.grid().index(native)];
+        let own = f64::from(volume.intensity(f32::from(*stored)));
+        let before = f64::from(self.values[self.block.grid.index(in_block)]);
+        let bias = own / intensity_of(before);
+        if bias.is_finite() && bias > 0.0 {
+            let intensity = bias * intensity_of(after);
+            let value = (intensity - f64::from(rescale.intercept)) / f64::from(rescale.slope);
+            *stored = value.round().clamp(0.0, 65535.0) as u16;
+        }
+    }
+
+    /// The volume with other voxels.
+    pub(super) fn volume_of(&self, voxels: Vec<u16>) -> Volume {
+        let (grid, rescale) = (self.volume.grid().clone(), self.volume.rescale());
+        Volume::new(grid, voxels, rescale).expect("as many voxels as before")
+    }
 }
 
 /// The noise of a head, in tissue scale.
@@ -198,14 +225,14 @@ impl BoxMean {
 }
 
 /// The part of a block around a lesion.
-struct Part<'a> {
+pub(super) struct Part<'a> {
     canvas: &'a Canvas<'a>,
     first: [usize; 3],
-    size: [usize; 3],
+    pub(super) size: [usize; 3],
 }
 
 impl<'a> Part<'a> {
-    fn around(canvas: &'a Canvas<'a>, centre: DVec3, reach_mm: f64) -> Self {
+    pub(super) fn around(canvas: &'a Canvas<'a>, centre: DVec3, reach_mm: f64) -> Self {
         let block = canvas.block;
         let centre = block.grid.voxel_from_patient().transform_point3(centre);
         let reach = block.in_voxels(reach_mm);
@@ -222,16 +249,16 @@ impl<'a> Part<'a> {
         }
     }
 
-    fn voxels(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
+    pub(super) fn voxels(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
         let [nx, ny, nz] = self.size;
         (0..nx * ny * nz).map(move |index| [index % nx, index / nx % ny, index / nx / ny])
     }
 
-    fn in_block(&self, voxel: [usize; 3]) -> [usize; 3] {
+    pub(super) fn in_block(&self, voxel: [usize; 3]) -> [usize; 3] {
         [0, 1, 2].map(|axis| voxel[axis] + self.first[axis])
     }
 
-    fn position(&self, voxel: [usize; 3]) -> DVec3 {
+    pub(super) fn position(&self, voxel: [usize; 3]) -> DVec3 {
         let voxel = DVec3::from_array(self.in_block(voxel).map(|along| along as f64));
         let grid = &self.canvas.block.grid;
         grid.patient_from_voxel().transform_point3(voxel)
@@ -265,7 +292,7 @@ impl<'a> Part<'a> {
     }
 
     /// The tissue scale, steadied against noise.
-    fn steady(&self, voxel: [usize; 3]) -> f64 {
+    pub(super) fn steady(&self, voxel: [usize; 3]) -> f64 {
         let sigma = self.canvas.block.in_voxels(STEADY_MM);
         let reach = sigma.map(|sigma| (2.5 * sigma).ceil() as i64);
         let weight = |axis: usize, place: i64| (-0.5 * (place as f64 / sigma[axis]).powi(2)).exp();
@@ -314,15 +341,28 @@ impl Ellipsoid {
         if scaled < 1e-9 {
             return 1.0;
         }
-        let outside = from.length() * (1.0 - 1.0 / scaled.sqrt());
-        let fade = (0.5 - outside / FADE_MM).clamp(0.0, 1.0);
-        // Smooth at both ends.
-        fade * fade * (3.0 - 2.0 * fade)
+        fade(from.length() * (1.0 - 1.0 / scaled.sqrt()))
     }
 }
 
+/// The strength of the effect so far outside the edge of a lesion, in mm.
+pub(super) fn fade(outside_mm: f64) -> f64 {
+    let fade = (0.5 - outside_mm / FADE_MM).clamp(0.0, 1.0);
+    // Smooth at both ends.
+    fade * fade * (3.0 - 2.0 * fade)
+}
+
+/// How far a lesion reaches from its centre, in mm, if its edge does so.
+pub(super) fn reach_mm(lesion: &Lesion, edge_mm: f64) -> f64 {
+    let band_mm = |end: DVec3| end.distance(lesion.centre_in_patient) + BAND_MM[0] + PAINT_EDGE_MM;
+    let edge_mm = edge_mm + FADE_MM;
+    lesion
+        .band_to
+        .map_or(edge_mm, |end| edge_mm.max(band_mm(end)))
+}
+
 /// How much of a voxel is painted as part of the band to the ventricle.
-fn band(lesion: &Lesion, position: DVec3) -> f64 {
+pub(super) fn band(lesion: &Lesion, position: DVec3) -> f64 {
     let [near, far] = BAND_MM;
     let inside = |(away, share): (f64, f64)| near + (far - near) * share - away;
     let inside = lesion.beside_band(position).map(inside);
@@ -338,14 +378,10 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
         volume,
         block,
         values,
-        tissue,
         grain,
+        ..
     } = *canvas;
-    let ball_mm = lesion.radius_mm * HALF_AXES[1] + FADE_MM;
-    let band_mm = |end: DVec3| end.distance(lesion.centre_in_patient) + BAND_MM[0] + PAINT_EDGE_MM;
-    let reach_mm = lesion
-        .band_to
-        .map_or(ball_mm, |end| ball_mm.max(band_mm(end)));
+    let reach_mm = reach_mm(lesion, lesion.radius_mm * HALF_AXES[1]);
     let part = Part::around(canvas, lesion.centre_in_patient, reach_mm);
     let noise = grain.field(part.size, &mut random);
     let grey = if effect.thickening_mm > 0.0 {
@@ -387,7 +423,6 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
     let bare = |index: usize| 1.0 - paint.get(&index).copied().unwrap_or(0.0);
     let painted = |index: usize| f64::from(values[index]) * bare(index);
     let mut voxels = volume.voxels().to_vec();
-    let rescale = volume.rescale();
     for (voxel, noise) in part.voxels().zip(noise) {
         let in_block = part.in_block(voxel);
         let index = block.grid.index(in_block);
@@ -423,26 +458,13 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
         if after == before {
             continue;
         }
-        // The bias of the coil, which the tissue scale is free of, is that of the voxel.
-        let intensity_of =
-            |value: f64| f64::from(tissue.grey) + f64::from(tissue.white - tissue.grey) * value;
-        let native = block.first;
-        let native = [0, 1, 2].map(|axis| in_block[axis] + native[axis]);
-        let stored = &mut voxels[volume.grid().index(native)];
-        let own = f64::from(volume.intensity(f32::from(*stored)));
-        let bias = own / intensity_of(before);
-        if !bias.is_finite() || bias <= 0.0 {
-            continue;
-        }
-        let intensity = bias * intensity_of(after);
-        let value = (intensity - f64::from(rescale.intercept)) / f64::from(rescale.slope);
-        *stored = value.round().clamp(0.0, 65535.0) as u16;
+        canvas.put(&mut voxels, in_block, after);
     }
-    Volume::new(volume.grid().clone(), voxels, rescale).expect("as many voxels as before")
+    canvas.volume_of(voxels)
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::study::{Effect, Ground, Simulator};
     use analysis::testing::{Phantom, Scan, lesion, plain_grid};
@@ -470,13 +492,13 @@ mod tests {
         (mean, variance, correlations)
     }
 
-    const GRAIN: Grain = Grain {
+    pub(in crate::study) const GRAIN: Grain = Grain {
         deviation: 0.05,
         neighbours: [0.35, 0.2, 0.0],
     };
 
     /// A head with correlated noise.
-    fn grainy() -> Scan {
+    pub(in crate::study) fn grainy() -> Scan {
         let mut scan = Phantom::PLAIN.scan(&plain_grid());
         let noise = GRAIN.field(plain_grid().size(), &mut Random::new(7));
         let contrast = Phantom::PLAIN.contrast;
@@ -493,7 +515,7 @@ mod tests {
 
     /// The tissue scale of the voxels of a volume, by the scale of a head, if they are chosen by their position and by what the
     /// head has there.
-    fn chosen(
+    pub(in crate::study) fn chosen(
         ground: &Ground<'_>,
         volume: &Volume,
         is_chosen: impl Fn(DVec3, f32) -> bool,

@@ -34,7 +34,7 @@ pub struct StudyParameters {
     pub simulator: Simulator,
 }
 
-/// What makes lesions. Two simulators that treat noise differently keep a score from learning one of them.
+/// What makes lesions. Simulators that treat noise differently keep a score from learning one of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Simulator {
@@ -42,17 +42,20 @@ pub enum Simulator {
     Displaced,
     /// Boxes, paint and noise that is correlated as in the head: `paint.rs`.
     Painted,
+    /// A wider profile across the junction, with noise and texture as they were acquired: `widen.rs`.
+    Widened,
 }
 
 impl Simulator {
     /// All simulators.
-    pub const ALL: [Self; 2] = [Self::Displaced, Self::Painted];
+    pub const ALL: [Self; 3] = [Self::Displaced, Self::Painted, Self::Widened];
 
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Displaced => "displaced",
             Self::Painted => "painted",
+            Self::Widened => "widened",
         }
     }
 }

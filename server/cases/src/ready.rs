@@ -1,5 +1,6 @@
 //! Whether the store answers, within a time that those who ask can wait.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use storage::{Store, StoreError};
@@ -29,18 +30,36 @@ async fn within<T>(
     limit: Duration,
     check: impl Future<Output = Result<T, StoreError>>,
 ) -> Result<T, Error> {
-    let checked = tokio::time::timeout(limit, check).await;
-    let checked = checked.map_err(|_elapsed| {
-        tracing::warn!("the store does not answer in time");
-        Error::Unavailable
-    })?;
-    checked.map_err(|error| {
-        tracing::warn!(%error, cause = error.cause(), "the store is not ready");
-        match Error::from(error) {
-            known @ (Error::StorageFull | Error::StorageFailed(_) | Error::Mismatch(_)) => known,
-            _ => Error::Unavailable,
+    let error = match tokio::time::timeout(limit, check).await {
+        Ok(Ok(found)) => {
+            is_news("");
+            return Ok(found);
         }
-    })
+        Ok(Err(error)) => error,
+        Err(_elapsed) => {
+            if is_news("no answer") {
+                tracing::warn!("the store does not answer in time");
+            }
+            return Err(Error::Unavailable);
+        }
+    };
+    let cause = error.cause();
+    if is_news(&cause) {
+        tracing::warn!(%error, cause, "the store is not ready");
+    }
+    match Error::from(error) {
+        known @ (Error::StorageFull | Error::StorageFailed(_) | Error::Mismatch(_)) => Err(known),
+        _ => Err(Error::Unavailable),
+    }
+}
+
+/// Whether this is another cause than that of the check before, so that probes do not repeat it. An empty one is none.
+fn is_news(cause: &str) -> bool {
+    static SAID: Mutex<String> = Mutex::new(String::new());
+    let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+    let is_news = *said != cause;
+    cause.clone_into(&mut said);
+    is_news
 }
 
 #[cfg(test)]

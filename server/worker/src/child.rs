@@ -49,6 +49,7 @@ fn exit_code(ended: io::Result<()>) -> ExitCode {
 }
 
 fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
+    close_inherited();
     match read_order()? {
         Order::Series(order) => read_series(&order, instead),
         Order::Header(order) => answer(&read_header(&order, header)?),
@@ -59,6 +60,17 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
             limit_this_process(1 << 30, 0, 1)?;
             answer(&confine(&Needs::default()))
         }
+    }
+}
+
+/// Closes what the server has inherited from who started it, and passes on with every process. Nothing else is open yet but the
+/// three standard files.
+fn close_inherited() {
+    let open = std::fs::read_dir("/proc/self/fd").into_iter().flatten();
+    let numbers = open.filter_map(|file| file.ok()?.file_name().to_str()?.parse::<i32>().ok());
+    // All are read first: one of them is the directory, which is closed by then.
+    for number in numbers.filter(|&number| number > 2).collect::<Vec<_>>() {
+        let _closed = nix::unistd::close(number);
     }
 }
 

@@ -17,6 +17,9 @@ use imaging::Limits;
 use nix::sys::uio::RemoteIoVec;
 use nix::unistd::Pid;
 
+/// A file that the server has inherited, by its number; to close it is to reach it.
+const INHERITED: i32 = 9;
+
 /// What is not the child's.
 struct Targets {
     /// The store of the server.
@@ -101,6 +104,8 @@ impl Targets {
         let name = SocketAddr::from_abstract_name(format!("isocortex-{}", self.server));
         let connected = name.and_then(|name| UnixStream::connect_addr(&name));
         tried("network-unix", connected.map(drop));
+        let inherited = nix::unistd::close(INHERITED);
+        tried("inherited-file", plain(inherited));
         tried("process", Command::new("/bin/true").status().map(drop));
         tried("thread", std::thread::Builder::new().spawn(|| {}).map(drop));
         tried(

@@ -28,6 +28,8 @@ const SILENT_FOR: Duration = Duration::from_secs(2);
 
 /// How long to wait after a failed connection before the next attempt.
 const AWAY_FOR: Duration = Duration::from_secs(1);
+/// Failures of the notifications that are no further apart are one.
+const SAME_FAILURE_FOR: Duration = Duration::from_secs(60);
 
 /// The channel for changes (`migrations/postgres`).
 const CHANNEL: &str = "isocortex";
@@ -179,20 +181,17 @@ impl Connections {
         if reached.is_ok() {
             *lock(&self.reached_at) = Instant::now();
         }
-        if let Err(sqlx::Error::PoolTimedOut) = reached
-            && let options = self.pool.connect_options()
-            && let Ok(Err(cause)) = tokio::time::timeout(AWAY_FOR, options.connect()).await
-        {
-            reached = Err(cause);
+        if let Err(error) = reached {
+            reached = Err(cause(&self.pool, error).await);
         }
-        let cause = match &reached {
+        let away_for = match &reached {
             Err(sqlx::Error::Io(error)) => Some((error.kind(), error.to_string())),
             _ => None,
         };
-        let is_away = cause.is_some() || matches!(reached, Err(sqlx::Error::PoolTimedOut));
+        let is_away = away_for.is_some() || matches!(reached, Err(sqlx::Error::PoolTimedOut));
         *lock(&self.away) = is_away.then(|| Away {
             until: Instant::now() + AWAY_FOR,
-            cause,
+            cause: away_for,
         });
         reached
     }
@@ -213,13 +212,21 @@ impl Connections {
     pub(super) async fn changes(&self) -> Result<BoxStream<'static, Change>, StoreError> {
         let mut listener = PgListener::connect_with(&self.pool).await?;
         listener.listen(CHANNEL).await?;
-        let announced = stream::unfold(listener, |mut listener| async move {
+        let first = (listener, None, self.pool.clone());
+        let announced = stream::unfold(first, |(mut listener, mut failed_at, pool)| async move {
             loop {
                 match listener.recv().await {
-                    Ok(announced) => return Some((announced, listener)),
+                    Ok(announced) => return Some((announced, (listener, None, pool))),
                     Err(sqlx::Error::PoolClosed) => return None,
                     Err(error) => {
-                        tracing::warn!(%error, "notifications from the database are interrupted; changes by other processes are noticed with a delay");
+                        // Once, not at each attempt.
+                        let is_new =
+                            failed_at.is_none_or(|at: Instant| at.elapsed() > SAME_FAILURE_FOR);
+                        if is_new {
+                            let error = cause(&pool, error).await;
+                            tracing::warn!(%error, "notifications from the database are interrupted; changes by other processes are noticed with a delay");
+                        }
+                        failed_at = Some(Instant::now());
                         tokio::time::sleep(LISTEN_AGAIN_AFTER).await;
                     }
                 }
@@ -233,6 +240,18 @@ impl Connections {
     /// Ends all connections.
     pub(super) async fn close(&self) {
         self.pool.close().await;
+    }
+}
+
+/// Why no connection was had in time, if one more attempt tells.
+async fn cause(pool: &PgPool, error: sqlx::Error) -> sqlx::Error {
+    if !matches!(error, sqlx::Error::PoolTimedOut) {
+        return error;
+    }
+    let options = pool.connect_options();
+    match tokio::time::timeout(AWAY_FOR, options.connect()).await {
+        Ok(Err(cause)) => cause,
+        _ => error,
     }
 }
 
