@@ -60,7 +60,7 @@ before(
 after(() => stage?.end());
 
 async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}): Promise<Watched> {
-  const watched = await openPage(browser, options);
+  const watched = await openPage(browser, options, "images");
   await watched.page.goto(`${new URL("/", server.address)}#${id}${rest}`);
   await shown(watched.page);
   return watched;

@@ -200,7 +200,7 @@ test(
     await page.getByRole("button", { name: /^Remove 1/ }).click();
     await page.locator("#findings-file").setInputFiles({ name: "a.dcm", mimeType: "", buffer: await readFile(report) });
     await page.getByText("Added from the file: 1").waitFor();
-    await page.locator(".finding-name").click();
+    await page.locator(".row-button").click();
     assert.equal(await page.locator(".finding-label").inputValue(), "thick gyrus");
     await page.getByRole("button", { name: /^Remove 1/ }).click();
     assert.deepEqual(watched.troubles, []);
@@ -249,7 +249,7 @@ test(
     await keep(page, "take-over");
     await agree.click();
     await page.getByText("Taken over, not confirmed").waitFor();
-    await page.locator(".finding-name").click();
+    await page.locator(".row-button").click();
     const [taken] = await findingsOf(server, other);
     assert.deepEqual(
       [taken?.label, taken?.points_in_patient, taken?.is_unconfirmed],

@@ -9,7 +9,7 @@ import type { Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { type Demo, type Hands, startDemo } from "./hands.ts";
-import { type Watched, fragment, inSettings, keep, shown, skip, speak, typeDepth, until } from "./support.ts";
+import { type Watched, fragment, inSettings, keep, openMenu, shown, skip, speak, typeDepth, until } from "./support.ts";
 
 let demo: Demo | undefined;
 let watched: Watched;
@@ -308,6 +308,7 @@ test("a number that is out of range, or none, gives way to what is drawn", { ski
     assert.equal(await page.locator("#depth-number").inputValue(), expected, typed);
   }
   const width = await page.locator("#window-width-number").inputValue();
+  await openMenu(page, "window");
   await page.locator("#window-width-number").fill("0");
   await page.keyboard.press("Enter");
   assert.equal(await page.locator("#window-width-number").inputValue(), width);
@@ -438,6 +439,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   await reset();
   await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
   const waiting = page.waitForEvent("download");
+  await openMenu(page, "export");
   await page.getByRole("button", { name: "Save picture" }).click();
   const download = await waiting;
   assert.equal(download.suggestedFilename(), `isocortex-${id.slice(0, 8)}-10.0mm.png`);
@@ -445,6 +447,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   const box = await page.locator(".panes").boundingBox();
   assert.equal(png.readUInt32BE(16), Math.round(box?.width ?? 0));
   assert.ok(png.length > 50_000, "a picture, not a black pane");
+  await openMenu(page, "export");
   await page.getByRole("button", { name: "Picture from the server" }).click();
   await page.waitForSelector("dialog.server-picture img");
   const address = await page.locator("#server-address").inputValue();
@@ -514,9 +517,10 @@ test(
           ["help", ".bar .icon-button >> nth=-1"],
           ["settings", "#settings"],
           ["confirm-delete", "#case-list li > button"],
-          ["server-picture", ".panel .group:last-child button >> nth=2"],
-          ["series", ".panel .group:last-child button >> nth=3"],
+          ["server-picture", "#menu-export button >> nth=2"],
+          ["series", "#menu-export button >> nth=3"],
         ] as const) {
+          if (opener.startsWith("#menu-export")) await openMenu(page, "export");
           await page.locator(opener).click();
           await page.waitForSelector(`dialog.${name}`);
           await check(`${language} ${theme} ${name}`);
