@@ -158,6 +158,7 @@ test("a case says when its age removes it, and can be kept", { skip }, async () 
   await page.waitForFunction(() => !document.querySelector<HTMLInputElement>("#keep-case")?.checked);
   await page.unroute(`**/v1/cases/${id}`);
   await removal.waitFor();
+  await tab(page, "read");
 });
 
 test("a case that waits shows slices of what was acquired, and then its surface", { skip }, async () => {
@@ -714,7 +715,7 @@ test("a case is renamed from its panel, and everything bears the new label", { s
   const { page: own, troubles, context } = await openPage(browser);
   await own.goto(new URL(`#${id}&d=7`, server.address).href);
   await shown(own);
-  await own.locator("summary", { hasText: "Case and mask" }).click();
+  await tab(own, "case");
   await own.locator("button", { hasText: "Rename …" }).click();
   await own.locator("dialog.ask-text #text").fill("Renamed");
   await own.keyboard.press("Enter");

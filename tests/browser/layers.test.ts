@@ -21,6 +21,7 @@ import {
   skip,
   speak,
   startStage,
+  tab,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
@@ -210,6 +211,7 @@ test(
     );
     await page.locator("#surface").focus();
     await page.keyboard.press("Enter");
+    await tab(page, "read");
     await page.waitForSelector(".chart .curve.layer");
     assert.equal(
       await page.textContent(".junction-width"),

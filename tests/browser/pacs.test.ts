@@ -20,6 +20,7 @@ import {
   shown,
   skip,
   startStage,
+  tab,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
@@ -120,6 +121,7 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
   const { page } = watched;
   await page.goto(`${server.address}#${id}&d=6&v=right`);
   await shown(page);
+  await tab(page, "case");
   await page.locator(".pacs summary").click();
   await page.getByRole("button", { name: "Send a result" }).click();
   const dialog = page.locator("dialog.result");
@@ -173,6 +175,7 @@ test(
     await shown(page);
     await page.getByRole("button", { name: "Mark the cross as a finding" }).click();
     await page.locator(".finding-label").fill("thick gyrus");
+    await tab(page, "case");
     await page.locator(".pacs summary").click();
     await page.getByRole("button", { name: "Send a result" }).click();
     const dialog = page.locator("dialog.result");

@@ -67,6 +67,7 @@ async function open(rest = ""): Promise<void> {
   await page.goto(`${origin}#${id}${rest}`);
   await shown(page);
   await rested(page);
+  await tab(page, "read");
 }
 
 async function download(click: () => Promise<void>): Promise<{ name: string; bytes: Buffer }> {

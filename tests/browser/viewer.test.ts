@@ -9,7 +9,19 @@ import type { Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { type Demo, type Hands, startDemo } from "./hands.ts";
-import { type Watched, fragment, inSettings, keep, openMenu, shown, skip, speak, typeDepth, until } from "./support.ts";
+import {
+  type Watched,
+  fragment,
+  inSettings,
+  keep,
+  openMenu,
+  shown,
+  skip,
+  speak,
+  tab,
+  typeDepth,
+  until,
+} from "./support.ts";
 
 let demo: Demo | undefined;
 let watched: Watched;
@@ -170,12 +182,12 @@ test("single letters can be switched off", { skip }, async () => {
   await inSettings(page, () => page.locator("#shortcuts").check());
 });
 
-test("everything that a drag does a button does as well", { skip }, async () => {
+test("everything that a drag does a key or a button does as well", { skip }, async () => {
   await reset();
   const click = (name: string): Promise<void> => page.getByRole("button", { name, exact: true }).click();
-  await click("Turn left");
+  await page.locator("#surface").press("ArrowLeft");
   assert.ok((await fragment(page)).q);
-  await click("Move up");
+  await page.locator("#surface").press("Shift+ArrowUp");
   assert.ok((await fragment(page)).p);
   await click("Deeper");
   await click("Deeper");
@@ -183,6 +195,7 @@ test("everything that a drag does a button does as well", { skip }, async () => 
   assert.equal(await depth(), 10.5);
   await click("Superior");
   assert.equal((await fragment(page)).v, "superior");
+  await openMenu(page, "window");
   await click("Grey–white");
   assert.ok((await fragment(page)).w);
   await page.locator("#zoom").fill("1");
@@ -437,7 +450,6 @@ test("the address holds the state: a reload restores it, Back goes back, nonsens
 
 test("the screenshot is a PNG of the panes, and the server's picture has an address to copy", { skip }, async () => {
   await reset();
-  await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
   const waiting = page.waitForEvent("download");
   await openMenu(page, "export");
   await page.getByRole("button", { name: "Save picture" }).click();
@@ -502,11 +514,13 @@ test(
         await inSettings(page, () => page.locator("#theme").selectOption(theme));
         await page.locator("#surface").focus();
         await page.locator(".layouts button[value=slices]").click();
-        for (const group of await page.locator(".panel > details, .sidebar > details").all()) {
-          if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
-        }
         await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
-        await check(`${language} ${theme}`);
+        for (const name of ["case", "images", "read"] as const) {
+          await tab(page, name);
+          for (const group of await page.locator(".panel > details:visible").all())
+            if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
+          await check(`${language} ${theme} ${name}`);
+        }
         if (theme === "light") await keep(page, `light-${language}`);
         for (const layout of ["single", "mirror", "both"]) {
           await page.locator(`.layouts button[value=${layout}]`).click();
