@@ -443,7 +443,7 @@ test(
     assert.equal(await places.count(), 2);
 
     // A place is dismissed, and stays so; or it is kept as a finding.
-    const judge = (name: string) => page.locator(".row-details").getByRole("button", { name });
+    const judge = (name: string) => page.locator(".row-details").getByRole("button", { name, exact: true });
     await judge("Dismiss").click();
     assert.equal(await places.nth(1).locator(".dot").getAttribute("aria-label"), "dismissed");
     await page.keyboard.press(",");

@@ -1,4 +1,4 @@
-// The visible controls: everything that hands and keys do can be done here as well.
+// The panel beside the pictures: its tabs, and the sections of each.
 
 import { useLayoutEffect, useRef } from "preact/hooks";
 
