@@ -265,7 +265,7 @@ test("the cross on a slice is that of the picture below it, which may come late"
     await held;
     await route.continue();
   });
-  await page.locator(".slice.coronal .slice-view").click({ position: { x: 60, y: 60 } });
+  await page.locator(".slice.coronal .slice-view").click({ position: { x: 180, y: 150 } });
   await fragment(page);
   assert.deepEqual(await cross(), before);
   release();

@@ -35,9 +35,12 @@ export class App {
   /** Why the case of the address cannot be shown; empty where it can. */
   readonly absence = signal("");
   /** The list is there to choose from, and beside a picture where it is wanted. */
-  readonly hasList = computed(
-    () => preferences.value.list || !this.chosen.value || (!this.viewer.value && window.innerWidth >= BESIDE_PIXELS),
-  );
+  readonly hasList = computed(() => {
+    const isWide = window.innerWidth >= BESIDE_PIXELS;
+    return (
+      preferences.value.list || (isWide ? !this.viewer.value : !this.chosen.value && this.cases.all.value.length > 0)
+    );
+  });
   readonly isSilent = signal(false);
   /** Whether anything has come from a PACS. */
   readonly hasArrivals = signal(false);

@@ -207,13 +207,7 @@ function Item({ store, row, at, isStop }: OfRow & { readonly at: number | null; 
   const state = t(`places.${judgement ?? (place && places.isSeen(place) ? "looked-at" : "not-yet")}`);
   const name = [at === null ? (judgement ? t("findings.dismissed") : "") : number(at), title, depth].filter(Boolean);
   return (
-    <li
-      ref={item}
-      class={place ? "of-map" : undefined}
-      data-id={finding?.id}
-      data-judgement={judgement ?? ""}
-      aria-current={isOpen}
-    >
+    <li ref={item} data-id={finding?.id} data-judgement={judgement ?? ""} aria-current={isOpen}>
       <Button class="row-button" aria-keyshortcuts=", ." tabIndex={isStop ? 0 : -1} onClick={() => goToRow(store, row)}>
         <span
           class={place && places.isSeen(place) ? "dot filled" : "dot"}
