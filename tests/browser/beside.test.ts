@@ -15,10 +15,12 @@ import {
   brightest,
   fragment,
   keep,
+  openMenu,
   openPage,
   shown,
   skip,
   startStage,
+  tab,
   until,
 } from "./support.ts";
 import { sendCase, sendLayer } from "./uploads.ts";
@@ -64,7 +66,7 @@ const rendered = (layer: string, window: string, [width, height]: readonly [numb
 };
 
 test("two halves show two layers, which keys choose and the address brings back", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   const base = new URL("/", server.address).href;
   await page.goto(`${base}#${id}&r=mesh&d=12&v=left&g=0`);
   await shown(page);
@@ -135,7 +137,7 @@ test("two halves show two layers, which keys choose and the address brings back"
 });
 
 test("a point that is marked in either half is marked in both, and slices show the right half", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.goto(
     `${new URL("/", server.address)}#${id}&r=mesh&d=12&v=left&l=slices&y=${pet}&t=1&ty=${flair}&tw=600,700`,
   );
@@ -176,7 +178,7 @@ test("a point that is marked in either half is marked in both, and slices show t
 });
 
 test("the server draws both halves, and a saved picture names both layers", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.goto(`${new URL("/", server.address)}?renderer=server#${id}&d=12&y=${pet}&t=1&ty=${flair}&tw=600,700`);
   await page.waitForSelector("#surface .server-picture.other img");
   await halves(page, `${flair},`, pet);
@@ -207,7 +209,7 @@ test("the server draws both halves, and a saved picture names both layers", { sk
 });
 
 test("the left half has a layer in colours; once that is deleted, it shows the case itself", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.goto(`${new URL("/", server.address)}#${id}&r=mesh&d=12&y=${flair}&t=1&tb=${pet},,0.5`);
   await shown(page);
   await halves(page, `,${pet}`, flair);
@@ -238,7 +240,7 @@ test(
   "z looks closer: 60 mm around the mark, the other side flipped, the layer beside the case with a window of its own",
   { skip, timeout: 600_000 },
   async () => {
-    const { page, troubles, context } = await openPage(browser);
+    const { page, troubles, context } = await openPage(browser, {}, "images");
     await page.goto(`${server.address}?renderer=server#${id}&l=both&w=650,701&x=${MARK.join()}`);
     await shown(page);
     const drawn = async (columns: number): Promise<void> => {
@@ -381,7 +383,7 @@ test(
     await drawn(4);
     assert.deepEqual(await windows(), [layerWindow, sameOwn]);
     const waiting = page.waitForEvent("download");
-    await page.locator(".panel .group", { hasText: "Save and share" }).locator("summary").first().click();
+    await openMenu(page, "export");
     await page.getByRole("button", { name: "Save picture" }).click();
     const png = await readFile(await (await waiting).path());
     const bright = await brightest(page, png, 200);
@@ -402,6 +404,7 @@ test(
     await drawn(4);
     await page.keyboard.press("z");
     // Without a mark there is nothing to look at.
+    await tab(page, "read");
     await page.getByRole("button", { name: "Remove the mark" }).click();
     // What is said may be followed at once by the description of the next picture.
     await page.evaluate(

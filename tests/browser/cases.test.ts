@@ -18,6 +18,7 @@ import {
   fragment,
   headOfDemo,
   keep,
+  openMenu,
   openPage,
   readyCase,
   rested,
@@ -25,6 +26,7 @@ import {
   skip,
   startServer,
   startStage,
+  tab,
   typeDepth,
   until,
 } from "./support.ts";
@@ -128,6 +130,7 @@ test("a case says when its age removes it, and can be kept", { skip }, async () 
     .cases;
   const isKept = async (): Promise<boolean> =>
     ((await (await fetch(`${origin}/v1/cases/${id}`)).json()) as { kept: boolean }).kept;
+  await tab(page, "case");
   await unfold();
   await removal.waitFor();
   const until = await removal.locator("xpath=following-sibling::dd[1]").innerText();
@@ -155,6 +158,7 @@ test("a case says when its age removes it, and can be kept", { skip }, async () 
   await page.waitForFunction(() => !document.querySelector<HTMLInputElement>("#keep-case")?.checked);
   await page.unroute(`**/v1/cases/${id}`);
   await removal.waitFor();
+  await tab(page, "read");
 });
 
 test("a case that waits shows slices of what was acquired, and then its surface", { skip }, async () => {
@@ -314,13 +318,14 @@ test(
       "the sagittal slice of the left side has no mark",
     );
     await open(`${id}&${MARK}v=anterior`, "server");
-    await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
+    await openMenu(page, "export");
     await page.getByRole("button", { name: "Picture from the server" }).click();
     await page.waitForSelector("dialog.server-picture img");
     const there = await markOf("dialog.server-picture img", "the server's picture");
     assert.ok(there < 0.45, String(there));
     await page.locator("dialog.server-picture button[value=close]").click();
     const waiting = page.waitForEvent("download");
+    await openMenu(page, "export");
     await page.getByRole("button", { name: "Save picture" }).click();
     const saved = await markIn(await readFile(await (await waiting).path()), "the screenshot");
     assert.ok(saved < 0.45, String(saved));
@@ -710,7 +715,7 @@ test("a case is renamed from its panel, and everything bears the new label", { s
   const { page: own, troubles, context } = await openPage(browser);
   await own.goto(new URL(`#${id}&d=7`, server.address).href);
   await shown(own);
-  await own.locator("summary", { hasText: "Case and mask" }).click();
+  await tab(own, "case");
   await own.locator("button", { hasText: "Rename …" }).click();
   await own.locator("dialog.ask-text #text").fill("Renamed");
   await own.keyboard.press("Enter");

@@ -116,7 +116,7 @@ async function sides(page: Page, selector: string): Promise<{ readonly left: str
 }
 
 test("a line divides surface and slices: the case on its left, the layer on its right", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.goto(`${new URL("/", server.address)}#${id}&l=slices&r=mesh&d=12`);
   await shown(page);
   // A notice that comes or goes meanwhile would change the size of the panes.
@@ -167,7 +167,7 @@ test("a line divides surface and slices: the case on its left, the layer on its 
 });
 
 test("the layer is hidden while b is held, and blinks by its button", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.goto(`${new URL("/", server.address)}#${id}&y=${flair}&r=mesh`);
   await shown(page);
   const shows = (layer: string): Promise<unknown> => page.waitForSelector(`#surface[data-layer="${layer}"]`);
@@ -204,7 +204,7 @@ test(
   "slices show the edges of a layer over the case, which is moved by hand and added where it was moved to",
   { skip, timeout: 600_000 },
   async () => {
-    const { page, troubles, context } = await openPage(browser);
+    const { page, troubles, context } = await openPage(browser, {}, "images");
     await page.goto(`${new URL("/", server.address)}#${id}&l=slices&r=mesh&y=${ball}`);
     await shown(page);
     await page.waitForSelector("canvas.cortex[data-whole=true]", { state: "attached" });
@@ -283,7 +283,7 @@ test(
 );
 
 test("the edges on a slice of the page are those of the server", { skip, timeout: 600_000 }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   const answer = await fetch(new URL(`v1/cases/${id}`, server.address));
   const { intensity } = (await answer.json()) as ReadyCase;
   const window = `${intensity.window.center},${intensity.window.width}`;
@@ -322,7 +322,7 @@ test("the edges on a slice of the page are those of the server", { skip, timeout
 });
 
 test("slices of the acquired plane say which image of which series they are", { skip }, async () => {
-  const { page, troubles, context } = await openPage(browser);
+  const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.route(
     (url) => /\/v1\/cases(\/[0-9a-f]{32})?$/.test(url.pathname),
     async (route) => {

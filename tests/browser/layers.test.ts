@@ -22,6 +22,7 @@ import {
   skip,
   speak,
   startStage,
+  tab,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
@@ -61,7 +62,7 @@ before(
 after(() => stage?.end());
 
 async function opened(rest: string, options: Parameters<typeof openPage>[1] = COARSE): Promise<Watched> {
-  const watched = await openPage(browser, options);
+  const watched = await openPage(browser, options, "images");
   await watched.page.goto(`${new URL("/", server.address)}#${id}${rest}`);
   await shown(watched.page);
   return watched;
@@ -211,6 +212,7 @@ test(
     );
     await page.locator("#surface").focus();
     await page.keyboard.press("Enter");
+    await tab(page, "read");
     await page.waitForSelector(".chart .curve.layer");
     assert.equal(
       await page.textContent(".junction-width"),

@@ -26,6 +26,7 @@ import {
   findingsOf,
   fragment,
   keep,
+  openMenu,
   openPage,
   readyCase,
   shown,
@@ -112,7 +113,7 @@ const OWN_MAPS = MAP_NAMES.filter((name) => name !== "flair");
 const seen = (page: Page, name: MapName | ""): Promise<unknown> =>
   page.waitForSelector(`#surface[data-overlay="${name}"]`);
 
-const status = (page: Page): Promise<string | null> => page.textContent(".maps-status");
+const status = (page: Page): Promise<string | null> => page.textContent("#maps-status");
 
 test("the page shows maps by default as the server does", { skip }, async () => {
   const { layers } = (await (await fetch(new URL(`v1/cases/${id}/layers`, server.address))).json()) as {
@@ -191,7 +192,7 @@ test(
       if (request.url().includes("/slices/")) slices.push(request.url());
     });
     await shown(page);
-    await page.click('.maps button[value="blur"]');
+    await page.getByRole("button", { name: "Blur", exact: true }).click();
     await seen(page, "blur");
     for (const plane of ["axial", "coronal", "sagittal"])
       await page.waitForSelector(`.slice.${plane}[data-overlay=blur]`);
@@ -204,21 +205,24 @@ test(
     };
     const { junction_by_depth, junction_poorly_met } = list;
     const bands = junction_by_depth.filter(({ places }) => places > 0);
-    await page.locator(".slant > summary").click();
+    await openMenu(page, "slant");
     assert.deepEqual(
-      await page.locator(".slant meter").evaluateAll((bars: HTMLMeterElement[]) => bars.map((bar) => bar.ariaLabel)),
+      await page
+        .locator("#menu-slant meter")
+        .evaluateAll((bars: HTMLMeterElement[]) => bars.map((bar) => bar.ariaLabel)),
       bands.map(({ from_mm, to_mm, slanted_share }) => {
         const depths = to_mm === undefined ? `> ${from_mm} mm` : `${from_mm} – ${to_mm} mm`;
         return `${depths}: ${Math.round(100 * slanted_share)} %`;
       }),
     );
     const total = junction_poorly_met === undefined ? "" : `${Math.round(100 * junction_poorly_met)} % of the cortex`;
-    assert.ok((await page.locator(".slant .poorly-met").innerText()).startsWith(total));
-    assert.match(await page.locator(".slant [aria-current=true]").innerText(), /10 – 15 mm/);
+    assert.ok((await page.locator("#menu-slant .poorly-met").innerText()).startsWith(total));
+    assert.match(await page.locator("#menu-slant [aria-current=true]").innerText(), /10 – 15 mm/);
     assert.equal(await page.locator("#surface .map-bar").innerText(), "Blur, z\n5.0\n2.5");
     assert.match((await page.textContent("#live")) ?? "", /Blur|Places that stand out/);
     await keep(page, "map-blur-slices");
 
+    await openMenu(page, "maps");
     await page.locator("#map-threshold").fill("4");
     await page.locator("#map-opacity").fill("0.5");
     assert.equal((await fragment(page)).b, "blur,4,0.5");
@@ -249,28 +253,31 @@ test(
     await shown(page);
     await seen(page, "blur");
     await page.getByRole("button", { name: "List places to look at" }).click();
-    await page.locator(".places .fold").click();
-    await page.waitForSelector(".candidates tr.place");
+    await page.locator(".fold").click();
+    await page.waitForSelector(".rows li");
     const { candidates } = (await (
       await fetch(new URL(`v1/cases/${id}/candidates?limit=20`, server.address))
     ).json()) as { candidates: { position_in_patient: number[]; depth_mm: number; side: string; score: number }[] };
-    assert.equal(await page.locator(".candidates tr.place").count(), candidates.length);
-    assert.equal(await page.locator(".candidates-warning summary").innerText(), "Most of these places are normal.");
-    assert.doesNotMatch((await page.textContent(".places")) ?? "", /lesion|detect/i);
-    const rows = await page.locator(".candidates tr.place").evaluateAll((all) => all.map((one) => one.clientHeight));
+    assert.equal(await page.locator(".rows li").count(), candidates.length);
+    assert.equal(
+      await page.locator(".candidates-warning summary").innerText(),
+      "Blur: Most of these places are normal.",
+    );
+    assert.doesNotMatch((await page.textContent(".rows")) ?? "", /lesion|detect/i);
+    const rows = await page.locator(".row-button").evaluateAll((all) => all.map((one) => one.clientHeight));
     assert.ok(
-      rows.every((height) => height <= 32),
+      rows.every((height) => height === 40),
       rows.join(),
     );
-    assert.equal(await page.locator(".candidates .candidate[tabindex='0']").count(), 1, "one stop of the tabulator");
+    assert.equal(await page.locator(".row-button[tabindex='0']").count(), 1, "one stop of the tabulator");
     for (const [at, layout] of (["single", "slices", "mirror"] as const).entries()) {
       const wanted = candidates[at];
       assert.ok(wanted);
-      const item = page.locator(".candidates tr.place").nth(at);
+      const item = page.locator(".rows li").nth(at);
       const dot = item.locator(".dot");
       assert.equal(await dot.getAttribute("aria-label"), "not looked at yet");
       // The whole row is to be clicked on.
-      await item.locator("td:visible").nth(2).click();
+      await item.locator(".row-depth").click();
       await page.locator(`.layouts button[value=${layout}]`).click();
       assert.equal(await dot.getAttribute("aria-label"), "looked at");
       const { x, d, l, f } = await fragment(page);
@@ -285,12 +292,12 @@ test(
       const pressed = page.locator(".layouts [aria-pressed=true]");
       assert.equal(await pressed.getAttribute("value"), l ?? "single", "the buttons follow");
       assert.equal(await item.getAttribute("aria-current"), "true");
-      assert.match((await item.textContent()) ?? "", new RegExp(wanted.side, "i"));
+      assert.match((await item.locator(".row-title").getAttribute("title")) ?? "", new RegExp(wanted.side, "i"));
       await page.waitForSelector("canvas.cortex[data-quality=full]");
       await keep(page, `candidate-${at + 1}`);
     }
     // Why it is listed: four bars of one scale, the widest of which is full; beside them its chart.
-    const why = page.locator(".candidates .why");
+    const why = page.locator(".row-details");
     const bars = why.locator(".why-bars meter");
     assert.equal(
       await until(
@@ -301,7 +308,7 @@ test(
     );
     const shares = await bars.evaluateAll((all) => all.map((one) => (one as HTMLMeterElement).value));
     assert.ok(Math.max(...shares) === 1 && (shares[0] ?? 1) < Math.min(...shares.slice(1)), shares.join());
-    await why.locator(".place-chart .chart").waitFor();
+    await why.locator(".chart").waitFor();
     const [axis, chart] = [
       await why.locator(".chart .tick.middle").last().boundingBox(),
       await why.locator(".chart").boundingBox(),
@@ -311,31 +318,19 @@ test(
     await page.keyboard.press("Control+z");
     assert.equal((await fragment(page)).l, "slices");
     // Keys step through the list, whatever the layout.
-    const openRank = async (): Promise<string> =>
-      page.locator(".candidates [aria-current=true] .candidate").innerText();
-    await page.locator(".candidates .candidate").nth(1).click();
+    const openRank = async (): Promise<number> =>
+      page.locator(".rows li").evaluateAll((all) => all.findIndex((one) => one.ariaCurrent === "true"));
+    await page.locator(".row-button").nth(1).click();
     for (const [key, rank] of [
-      [".", "3"],
-      [".", "4"],
-      [",", "3"],
+      [".", 2],
+      ["Shift+J", 3],
+      [",", 2],
     ] as const) {
       await page.keyboard.press(key);
       assert.equal(await until(openRank, (now) => now === rank), rank);
     }
     assert.equal((await fragment(page)).l, "slices");
-    // The maps come first, then what is marked; the six views are a row of letters.
-    const titles = await page.locator(".panel .group > summary").allInnerTexts();
-    assert.deepEqual(titles.slice(0, 9), [
-      "Grey–white boundary",
-      "Point and depth profile",
-      "Findings",
-      "Ruler",
-      "Looked at",
-      "Saved layouts",
-      "Window",
-      "Layers",
-      "View",
-    ]);
+    // The six views are a row of letters.
     const letters = page.locator(".letters button");
     assert.deepEqual(await letters.allInnerTexts(), ["L", "R", "A", "P", "S", "I"]);
     const tops = await letters.evaluateAll((all) => all.map((one) => one.getBoundingClientRect().top));
@@ -345,14 +340,12 @@ test(
     await page.getByRole("button", { name: "Superior", exact: true }).click();
     await page.locator("#surface").press("Enter");
     await why.waitFor({ state: "detached" });
-    await page.locator(".place-chart .chart").waitFor({ state: "detached" });
     await page.locator(".panel .group .chart").waitFor();
     // A place that the map leaves out has an outline of its own; the threshold is the reader's.
-    await page.getByRole("button", { name: "Blur", exact: true }).click();
     await page.waitForSelector('#surface[data-overlay="blur"]');
     for (const [at, { score }] of candidates.entries()) {
       if (at > 0 && at < candidates.length - 1) continue;
-      await page.locator(".candidates .candidate").nth(at).click();
+      await page.locator(".row-button").nth(at).click();
       assert.equal((await fragment(page)).b, "blur");
       const isOutlined = (): Promise<boolean> =>
         page.locator("#surface > .overlay:not(.other) .cursor .place").isVisible();
@@ -383,12 +376,12 @@ test(
     );
     await page.goto(`${server.address.split("#")[0]}#${id}&b=blur`);
     await shown(page);
-    await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("being computed"));
+    await page.waitForFunction(() => document.querySelector("#maps-status")?.textContent?.includes("being computed"));
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
     assert.ok(!asked.some((url) => url.includes("overlay=") || url.includes("/layers/")));
     told = { state: "ready" };
     await seen(page, "blur");
-    assert.equal(await page.locator(".maps-status").isVisible(), false);
+    assert.equal(await page.locator("#maps-status").isVisible(), false);
 
     told = { state: "undefined", reason: "the largest voxel spacing is 4.00 mm" };
     await page.reload();
@@ -404,7 +397,7 @@ test(
     // In another language the page has words for the reason by its code.
     told = { ...told, reason_code: "coarse-voxels" };
     await speak(page, "pt-BR");
-    await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("no máximo 2 mm"));
+    await page.waitForFunction(() => document.querySelector("#maps-status")?.textContent?.includes("no máximo 2 mm"));
     await shown(page);
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
     assert.deepEqual(troubles, []);
@@ -429,46 +422,44 @@ test(
     });
     await shown(page);
     const ask = page.getByRole("button", { name: "List places to look at" });
-    const places = page.locator(".candidates tr.place");
-    const ranks = (): Promise<string[]> => page.locator(".candidates tr.place:visible .candidate").allInnerTexts();
+    const places = page.locator(".rows li");
     await ask.click();
     await places.first().waitFor();
-    assert.deepEqual(await ranks(), ["1", "2"]);
+    assert.equal(await places.count(), 2);
     assert.match(await places.nth(0).innerText(), / z, high/);
-    assert.match((await places.nth(2).textContent()) ?? "", / z, borderline/);
     assert.equal(await page.locator(".nothing").isVisible(), false);
     assert.equal(await page.locator(".regions-doubt").isVisible(), false);
     // Keys stay among those that stand out.
     for (const key of [".", ".", "."]) await page.keyboard.press(key);
-    await page.waitForSelector(".candidates tr:nth-child(2)[aria-current=true]");
-    const fold = page.locator(".places .fold");
-    const all = await places.count();
-    assert.equal(await fold.innerText(), `Show ${all - 2} places that do not stand out`);
+    await page.waitForSelector(".rows li:nth-child(2)[aria-current=true]");
+    const fold = page.locator(".fold");
+    const words = await fold.innerText();
+    assert.match(words, /^Blur: Show \d+ places that do not stand out$/);
     await fold.press("Enter");
-    assert.equal((await ranks()).length, all);
+    assert.equal(await places.count(), 2 + Number(/\d+/.exec(words)?.[0]));
+    assert.match(await places.nth(2).innerText(), / z, borderline/);
     assert.equal(await fold.getAttribute("aria-expanded"), "true");
     await fold.click();
-    assert.deepEqual(await ranks(), ["1", "2"]);
+    assert.equal(await places.count(), 2);
 
     // A place is dismissed, and stays so; or it is kept as a finding.
-    const judge = (name: string) => page.locator(".why").getByRole("button", { name });
+    const judge = (name: string) => page.locator(".row-details").getByRole("button", { name, exact: true });
     await judge("Dismiss").click();
     assert.equal(await places.nth(1).locator(".dot").getAttribute("aria-label"), "dismissed");
     await page.keyboard.press(",");
-    await page.waitForSelector(".candidates tr:nth-child(1)[aria-current=true]");
+    await page.waitForSelector(".rows li:nth-child(1)[aria-current=true]");
     await page.keyboard.press("Shift+K");
-    assert.equal(await places.nth(0).locator(".dot").getAttribute("aria-label"), "kept as a finding");
-    // It is written about at once; then keys are the picture's again, and go from finding to finding.
+    assert.equal(await places.nth(0).locator(".dot").getAttribute("aria-label"), "1, kept as a finding");
+    // It is written about at once, where the place was; then keys are the picture's again.
     await page.waitForSelector(".finding-label:focus");
     await page.keyboard.press("Escape");
     assert.equal(await page.locator(".finding-label").count(), 1);
-    await page.keyboard.press("Shift+U");
-    await page.waitForSelector(".findings [aria-current=true].dismissed");
-    await page.waitForSelector(".candidates tr:nth-child(2)[aria-current=true]");
-    await page.keyboard.press("Shift+D");
     await page.keyboard.press("Shift+J");
-    await page.waitForSelector(".findings [aria-current=true]:not(.dismissed)");
-    assert.equal(await page.locator(".findings li").count(), 2);
+    await page.waitForSelector(".rows li:nth-child(2)[aria-current=true][data-judgement=dismissed]");
+    await page.keyboard.press("Shift+D");
+    await page.keyboard.press("Shift+U");
+    await page.waitForSelector(".rows li:nth-child(1)[aria-current=true][data-judgement=kept]");
+    assert.equal(await places.count(), 2);
     const stored = () => findingsOf(server, id);
     assert.deepEqual(
       (await until(stored, (list) => list.length === 2)).map(({ from_map, is_dismissed }) => [from_map, is_dismissed]),
@@ -481,13 +472,17 @@ test(
     await shown(page);
     await ask.click();
     const dots = (): Promise<(string | null)[]> =>
-      page.locator(".candidates tr.place:visible .dot").evaluateAll((all) => all.map((one) => one.ariaLabel));
-    const judged = ["kept as a finding", "dismissed"];
+      page.locator(".rows .dot").evaluateAll((all) => all.map((one) => one.ariaLabel));
+    const judged = ["1, kept as a finding", "dismissed"];
     assert.deepEqual(await until(dots, (now) => now.join() === judged.join()), judged);
     // The same button again takes the decision back.
     await page.keyboard.press(".");
     await judge("Dismiss").click();
     assert.equal((await until(stored, (list) => list.length === 1)).length, 1);
+    await page.keyboard.press(",");
+    await page.waitForSelector(".rows li:nth-child(1)[aria-current=true]");
+    await judge("Keep").click();
+    assert.equal((await until(stored, (list) => list.length === 0)).length, 0);
 
     unusual = [];
     regions = { state: "review", reasons: ["the volume ends within the cerebellum"], reason_codes: ["cerebellum-cut"] };
@@ -502,7 +497,7 @@ test(
       "The regions of the brain are in doubt: The volume ends within the cerebellum. " +
         "Places in the cerebellum and the brain stem are listed as well.",
     );
-    assert.deepEqual(await ranks(), []);
+    assert.equal(await places.count(), 0);
     await page.focus("#surface");
     await page.keyboard.press(".");
     await until(
@@ -544,7 +539,7 @@ test(
     });
     await shown(page);
     await page.getByRole("button", { name: "List places to look at" }).click();
-    await page.locator(".candidates tr.place td:visible").nth(2).click();
+    await page.locator(".rows li:not([data-id]) .row-depth").first().click();
     // Once the half is here, the mark lies on its surface and nothing is before it.
     await page.locator("#surface .pane-title", { hasText: "Right hemisphere" }).first().waitFor();
     await page.waitForSelector("#surface .overlay:not(.other) .cursor.mark", { state: "attached" });
@@ -597,11 +592,12 @@ test(
     };
     await shown(page);
     await seen(page, "sharpness");
-    await page.locator(".panel .group", { hasText: "Save and share" }).locator("summary").click();
+    await openMenu(page, "export");
     const coloured = await saved();
     await keep(page, "map-by-server");
-    await page.click('.maps button[value="none"]');
+    await (await openMenu(page, "maps")).getByRole("button", { name: "None" }).click();
     await seen(page, "");
+    await openMenu(page, "export");
     const plain = await saved();
     console.log(`coloured pixels of a saved picture: ${coloured.toFixed(3)} with the map, ${plain.toFixed(3)} without`);
     assert.ok(coloured > plain + 0.05);
@@ -618,16 +614,16 @@ test(
     const { page, troubles } = await opened("&l=both", COARSE, "?renderer=server");
     await shown(page);
     await page.getByRole("button", { name: "List places with a thick cortex" }).click();
-    await page.locator(".candidates tr.place").first().waitFor({ state: "attached" });
-    const unfold = page.getByRole("button", { name: /^Show \d+ places/ });
-    if ((await page.locator(".candidates tr.place:visible").count()) === 0) await unfold.last().click();
-    await page.locator(".candidates tr.place:visible").first().click();
-    await page.getByRole("button", { name: "Keep as a finding" }).first().click();
+    const unfold = page.getByRole("button", { name: /^Thickness: Show \d+ places/ });
+    await unfold.waitFor();
+    await unfold.click();
+    await page.locator(".rows li[data-judgement=''] .row-button").first().click();
+    await page.getByRole("button", { name: "Keep", exact: true }).click();
     await page.locator("#findings-status", { hasText: "Stored on the server." }).waitFor();
     // No list is open any more, and others may have kept findings before.
     await page.reload();
     await shown(page);
-    await page.locator(".finding-name").last().click();
+    await page.locator(".row-button").last().click();
     await page.locator("#surface").focus();
     await page.keyboard.press("z");
     await page.waitForSelector('.closer .slice.here-layer[data-overlay="thickness"]');

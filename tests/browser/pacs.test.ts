@@ -20,6 +20,7 @@ import {
   shown,
   skip,
   startStage,
+  tab,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
@@ -120,6 +121,7 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
   const { page } = watched;
   await page.goto(`${server.address}#${id}&d=6&v=right`);
   await shown(page);
+  await tab(page, "case");
   await page.locator(".pacs summary").click();
   await page.getByRole("button", { name: "Send a result" }).click();
   const dialog = page.locator("dialog.result");
@@ -173,6 +175,7 @@ test(
     await shown(page);
     await page.getByRole("button", { name: "Mark the cross as a finding" }).click();
     await page.locator(".finding-label").fill("thick gyrus");
+    await tab(page, "case");
     await page.locator(".pacs summary").click();
     await page.getByRole("button", { name: "Send a result" }).click();
     const dialog = page.locator("dialog.result");
@@ -200,7 +203,7 @@ test(
     await page.getByRole("button", { name: /^Remove 1/ }).click();
     await page.locator("#findings-file").setInputFiles({ name: "a.dcm", mimeType: "", buffer: await readFile(report) });
     await page.getByText("Added from the file: 1").waitFor();
-    await page.locator(".finding-name").click();
+    await page.locator(".row-button").click();
     assert.equal(await page.locator(".finding-label").inputValue(), "thick gyrus");
     await page.getByRole("button", { name: /^Remove 1/ }).click();
     assert.deepEqual(watched.troubles, []);
@@ -249,7 +252,7 @@ test(
     await keep(page, "take-over");
     await agree.click();
     await page.getByText("Taken over, not confirmed").waitFor();
-    await page.locator(".finding-name").click();
+    await page.locator(".row-button").click();
     const [taken] = await findingsOf(server, other);
     assert.deepEqual(
       [taken?.label, taken?.points_in_patient, taken?.is_unconfirmed],

@@ -95,7 +95,7 @@ test("the proxy says who it is, and the end of its session loses nothing", { ski
   const { page, context, troubles } = await openPage(browser, { locale: "en-GB" });
   await page.goto(`${address}#${id}&r=mesh&d=12&l=slices&x=-38,0,0`);
   await shown(page);
-  await page.waitForSelector(".findings", { state: "attached" });
+  await page.waitForSelector(".rows", { state: "attached" });
   await page.locator("#who").waitFor();
   assert.equal(await page.locator("#who").innerText(), "ana");
 

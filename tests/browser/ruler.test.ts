@@ -12,6 +12,7 @@ import {
   type Stage,
   findingsOf,
   keep,
+  openMenu,
   openPage,
   rested,
   shown,
@@ -125,11 +126,11 @@ test(
     await page.keyboard.press("Escape");
     assert.match(new URL(page.url()).hash, /x=0,0,0/);
 
-    await page.getByRole("button", { name: "Angle", exact: true }).click();
+    await (await openMenu(page, "ruler")).getByRole("button", { name: "Angle", exact: true }).click();
     for (const place of [at(-30, 0), at(0, 0), at(0, 30)]) await page.mouse.click(...place);
     within(valueOf(await last(page)), 90);
 
-    await page.getByRole("button", { name: "Area", exact: true }).click();
+    await (await openMenu(page, "ruler")).getByRole("button", { name: "Area", exact: true }).click();
     const corners = [at(-20, -15), at(20, -15), at(20, 15), at(-20, 15)];
     const [back, finish] = ["Remove the last point", "Finish"].map((name) => page.getByRole("button", { name }));
     assert.ok(back && finish);
@@ -164,8 +165,8 @@ test(
     assert.ok(
       await page.locator(".measures li").last().getByRole("button", { name: "Kept as a finding" }).isDisabled(),
     );
-    await page.waitForSelector(".findings li .finding-name");
-    assert.match(await page.locator(".finding-name").innerText(), /^1 · Polygon · /);
+    await page.waitForSelector(".rows li .row-button");
+    assert.match(await page.locator(".row-button").innerText(), /^1\s*Polygon/);
     // It is hidden and shown again, which is of the page alone.
     const words = page.locator(".slice.axial .finding-marks");
     const drawn = async (): Promise<boolean> => {
@@ -173,17 +174,17 @@ test(
       return all.split("\n").includes("1");
     };
     assert.ok(await drawn());
-    await page.getByLabel("Show the findings in the pictures").uncheck();
+    await page.getByLabel("Shown", { exact: true }).uncheck();
     assert.ok(!(await drawn()));
-    await page.getByLabel("Show the findings in the pictures").check();
+    await page.getByLabel("Shown", { exact: true }).check();
     assert.ok(await drawn());
     // Undone and done again.
-    await page.getByRole("button", { name: "Undo the last change of the findings" }).click();
+    await page.getByRole("button", { name: "Undo", exact: true }).click();
     await until(
       () => findingsOf(server, head),
       (list) => list.length === 0,
     );
-    await page.getByRole("button", { name: "Redo the last change of the findings" }).click();
+    await page.getByRole("button", { name: "Redo", exact: true }).click();
     assert.equal(
       (
         await until(

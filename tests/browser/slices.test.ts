@@ -266,7 +266,7 @@ test("the cross on a slice is that of the picture below it, which may come late"
     await held;
     await route.continue();
   });
-  await page.locator(".slice.coronal .slice-view").click({ position: { x: 60, y: 60 } });
+  await page.locator(".slice.coronal .slice-view").click({ position: { x: 180, y: 150 } });
   await fragment(page);
   assert.deepEqual(await cross(), before);
   release();
@@ -497,7 +497,7 @@ test("on a phone fingers turn the slice across the sulcus, move a slice, measure
   assert.equal(await scrolled(), top, "the page is where it was");
 
   // Taps set the corners of an area, on a slice and on the surface; the last one again ends it.
-  await small.locator("details:has(> .group-body > .tools) > summary").tap();
+  await small.locator("[popovertarget=menu-ruler]").tap();
   await small.getByRole("button", { name: "Area", exact: true }).tap();
   for (const [count, pane] of [".slice.axial .slice-view", "#surface"].entries()) {
     await see(pane);
@@ -515,6 +515,7 @@ test("on a phone fingers turn the slice across the sulcus, move a slice, measure
     assert.equal(await areas.count(), count + 1);
   }
   assert.match(await small.locator(".measures li .value").last().innerText(), /^Area \d+ mm² along the surface/);
+  await small.locator("[popovertarget=menu-ruler]").tap();
   await small.getByRole("button", { name: "Area", exact: true }).tap();
 
   // The depth follows a finger, and a double tap marks a point of the surface.

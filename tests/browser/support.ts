@@ -16,7 +16,14 @@ import path from "node:path";
 import { createInterface } from "node:readline";
 import { inspect } from "node:util";
 
-import { type Browser, type BrowserContext, type BrowserContextOptions, type Page, chromium } from "playwright-core";
+import {
+  type Browser,
+  type BrowserContext,
+  type BrowserContextOptions,
+  type Locator,
+  type Page,
+  chromium,
+} from "playwright-core";
 
 /** The root of the checkout; the tests run bundled, from web/build/browser/. */
 export const ROOT = path.join(import.meta.dirname, "../../..");
@@ -212,7 +219,11 @@ export interface Watched {
  */
 export const COARSE: BrowserContextOptions = { deviceScaleFactor: 0.5 };
 
-export async function openPage(browser: Browser, options: BrowserContextOptions = {}): Promise<Watched> {
+export async function openPage(
+  browser: Browser,
+  options: BrowserContextOptions = {},
+  task: "read" | "images" | "case" = "read",
+): Promise<Watched> {
   const context = await browser.newContext({ viewport: { width: 1440, height: 900 }, locale: "en-GB", ...options });
   // As long as a busy machine may take: what comes at all comes much sooner.
   context.setDefaultTimeout(180_000);
@@ -223,16 +234,17 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
     for (const routed of [...context.pages(), context]) await routed.unrouteAll({ behavior: "ignoreErrors" });
     await close();
   };
-  // The usual controls can be reached at once, unless a test is about the tasks of the panel.
+  // The usual controls can be reached at once, unless a test is about the tabs of the panel.
   if (!options.storageState)
-    await context.addInitScript(() => {
+    await context.addInitScript((first) => {
       // Documents of their own origin, such as saved files, have none.
       if (origin !== "null")
         localStorage["isocortex"] ??= JSON.stringify({
-          task: "all",
-          unfolded: ["maps", "point", "findings", "layers", "window", "view"].map((one) => `panel.${one}`),
+          task: first,
+          list: innerWidth >= 1200,
+          unfolded: ["list", "point", "layers", "view"].map((one) => `panel.${one}`),
         });
-    });
+    }, task);
   const page = await context.newPage();
   const troubles: string[] = [];
   // Playwright's init scripts are not the page's: the policy lets them be, and hears of all that is the page's.
@@ -396,6 +408,17 @@ export async function inSettings(page: Page, choose: () => Promise<unknown>): Pr
   await choose();
   await page.keyboard.press("Escape");
   await page.waitForSelector("dialog.settings", { state: "detached" });
+}
+
+/** Shows a tab of the panel. */
+export const tab = (page: Page, name: "read" | "images" | "case"): Promise<void> =>
+  page.locator(`.tasks button[value=${name}]`).click();
+
+/** Opens the menu of a tool over the pictures; another one that is open closes. */
+export async function openMenu(page: Page, name: "window" | "ruler" | "maps" | "export" | "slant"): Promise<Locator> {
+  const menu = page.locator(`#menu-${name}`);
+  if (!(await menu.isVisible())) await page.locator(`[popovertarget=menu-${name}]`).click();
+  return menu;
 }
 
 /** Has the page in a language, which loads it again. */

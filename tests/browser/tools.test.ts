@@ -13,12 +13,14 @@ import {
   fragment,
   inSettings,
   keep,
+  openMenu,
   openPage,
   readyCase,
   rested,
   shown,
   skip,
   startStage,
+  tab,
   typeDepth,
   until,
 } from "./support.ts";
@@ -51,8 +53,9 @@ after(() => stage?.end());
 const group = (title: string): ReturnType<Page["locator"]> =>
   page.locator(".panel .group", { has: page.locator("summary", { hasText: title }) });
 
-/** Opens a section of the panel. */
-async function unfold(title: string): Promise<ReturnType<Page["locator"]>> {
+/** Opens a section of a tab of the panel. */
+async function unfold(title: string, on: Parameters<typeof tab>[1]): Promise<ReturnType<Page["locator"]>> {
+  await tab(page, on);
   const section = group(title);
   if ((await section.getAttribute("open")) === null) await section.locator("summary").first().click();
   return section;
@@ -64,6 +67,7 @@ async function open(rest = ""): Promise<void> {
   await page.goto(`${origin}#${id}${rest}`);
   await shown(page);
   await rested(page);
+  await tab(page, "read");
 }
 
 async function download(click: () => Promise<void>): Promise<{ name: string; bytes: Buffer }> {
@@ -127,7 +131,7 @@ test(
 test("near the envelope intensities are averaged, which is said and can be switched off", { skip }, async () => {
   await open("&d=0.5");
   assert.equal(await title(), "0.5 mm, mean of 1.0 mm  Left");
-  await unfold("Drawing");
+  await unfold("Drawing", "images");
   const asked = page.waitForRequest((request) => /render\?depth_mm=0\.5&/.test(request.url()));
   await page.locator("#averages").uncheck();
   assert.doesNotMatch((await asked).url(), /slab_mm/);
@@ -184,7 +188,7 @@ test(
   { skip, timeout: 600_000 },
   async () => {
     await open("&l=slices&x=20,20,30");
-    const section = await unfold("Case and mask");
+    const section = await unfold("Case and mask", "case");
     await section.locator(".case-facts dt").first().waitFor();
     const facts = await section.locator(".case-facts").innerText();
     assert.match(facts, /Mask\s+as supplied, [\d,.]+ ml/);
@@ -233,7 +237,7 @@ const sizeOf = (png: Buffer): readonly [number, number] => [png.readUInt32BE(16)
 test("pictures are saved in several sizes with a caption, and copied", { skip, timeout: 600_000 }, async () => {
   await open("&l=slices&x=20,20,30");
   await page.waitForFunction(() => document.querySelectorAll(".slice-image > *").length === 3);
-  const section = await unfold("Save and share");
+  const section = await openMenu(page, "export");
   const panes = await page.locator(".panes").boundingBox();
   assert.ok(panes);
   for (const times of [1, 2]) {
@@ -244,12 +248,16 @@ test("pictures are saved in several sizes with a caption, and copied", { skip, t
     assert.ok(Math.abs(width - panes.width * times) <= times, `${width}`);
     // Case, how it is seen, program and notice stand below the picture.
     assert.ok(height >= (panes.height + 3 * 17) * times && height <= (panes.height + 150) * times, `${height}`);
-    await page.waitForFunction(() => /The picture was saved/.test(document.querySelector(".panel")?.textContent ?? ""));
+    await page.waitForFunction(() =>
+      /The picture was saved/.test(document.querySelector("#menu-export")?.textContent ?? ""),
+    );
   }
   await section.locator("#times").selectOption("1");
   await page.bringToFront();
   await section.getByRole("button", { name: "Copy picture" }).click();
-  await page.waitForFunction(() => /The picture was copied/.test(document.querySelector(".panel")?.textContent ?? ""));
+  await page.waitForFunction(() =>
+    /The picture was copied/.test(document.querySelector("#menu-export")?.textContent ?? ""),
+  );
   const types = await page.evaluate(async () => (await navigator.clipboard.read()).flatMap((item) => item.types));
   assert.deepEqual(types, ["image/png"]);
 });
@@ -312,7 +320,7 @@ test(
       assert.equal(await page.locator("#sweep-from").inputValue(), "9.5", "its ends are put in order");
       await page.locator("#sweep-speed").selectOption("20");
     });
-    const section = await unfold("Save and share");
+    const section = await openMenu(page, "export");
     await section.getByRole("button", { name: "Sheet, turn or sweep" }).click();
     const dialog = page.locator("dialog.series");
     await dialog.locator("#series-depths").fill("7, 900");
@@ -436,26 +444,6 @@ test(
     await context.close();
   },
 );
-
-test("the list is made wider by its edge, and stays so", { skip }, async () => {
-  await open();
-  const width = async (): Promise<number> => Math.round((await page.locator("#sidebar").boundingBox())?.width ?? 0);
-  const before = await width();
-  await page.locator(".resizer").focus();
-  await page.keyboard.press("ArrowRight");
-  await page.keyboard.press("ArrowRight");
-  assert.equal(await width(), before + 32);
-  const edge = await page.locator(".resizer").boundingBox();
-  assert.ok(edge);
-  await page.mouse.move(edge.x + 3, edge.y + 200);
-  await page.mouse.down();
-  await page.mouse.move(edge.x + 63, edge.y + 200, { steps: 3 });
-  await page.mouse.up();
-  const dragged = await width();
-  assert.ok(dragged > before + 80, `${before} and ${dragged}`);
-  await open();
-  assert.equal(await width(), dragged);
-});
 
 test(
   "on a phone the depth is always in reach, and everything is large enough for a finger",

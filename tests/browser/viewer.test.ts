@@ -9,7 +9,19 @@ import type { Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { type Demo, type Hands, startDemo } from "./hands.ts";
-import { type Watched, fragment, inSettings, keep, shown, skip, speak, typeDepth, until } from "./support.ts";
+import {
+  type Watched,
+  fragment,
+  inSettings,
+  keep,
+  openMenu,
+  shown,
+  skip,
+  speak,
+  tab,
+  typeDepth,
+  until,
+} from "./support.ts";
 
 let demo: Demo | undefined;
 let watched: Watched;
@@ -170,12 +182,12 @@ test("single letters can be switched off", { skip }, async () => {
   await inSettings(page, () => page.locator("#shortcuts").check());
 });
 
-test("everything that a drag does a button does as well", { skip }, async () => {
+test("everything that a drag does a key or a button does as well", { skip }, async () => {
   await reset();
   const click = (name: string): Promise<void> => page.getByRole("button", { name, exact: true }).click();
-  await click("Turn left");
+  await page.locator("#surface").press("ArrowLeft");
   assert.ok((await fragment(page)).q);
-  await click("Move up");
+  await page.locator("#surface").press("Shift+ArrowUp");
   assert.ok((await fragment(page)).p);
   await click("Deeper");
   await click("Deeper");
@@ -183,6 +195,7 @@ test("everything that a drag does a button does as well", { skip }, async () => 
   assert.equal(await depth(), 10.5);
   await click("Superior");
   assert.equal((await fragment(page)).v, "superior");
+  await openMenu(page, "window");
   await click("Grey–white");
   assert.ok((await fragment(page)).w);
   await page.locator("#zoom").fill("1");
@@ -308,6 +321,7 @@ test("a number that is out of range, or none, gives way to what is drawn", { ski
     assert.equal(await page.locator("#depth-number").inputValue(), expected, typed);
   }
   const width = await page.locator("#window-width-number").inputValue();
+  await openMenu(page, "window");
   await page.locator("#window-width-number").fill("0");
   await page.keyboard.press("Enter");
   assert.equal(await page.locator("#window-width-number").inputValue(), width);
@@ -436,8 +450,8 @@ test("the address holds the state: a reload restores it, Back goes back, nonsens
 
 test("the screenshot is a PNG of the panes, and the server's picture has an address to copy", { skip }, async () => {
   await reset();
-  await page.locator(".group", { hasText: "Save and share" }).locator("summary").click();
   const waiting = page.waitForEvent("download");
+  await openMenu(page, "export");
   await page.getByRole("button", { name: "Save picture" }).click();
   const download = await waiting;
   assert.equal(download.suggestedFilename(), `isocortex-${id.slice(0, 8)}-10.0mm.png`);
@@ -445,6 +459,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
   const box = await page.locator(".panes").boundingBox();
   assert.equal(png.readUInt32BE(16), Math.round(box?.width ?? 0));
   assert.ok(png.length > 50_000, "a picture, not a black pane");
+  await openMenu(page, "export");
   await page.getByRole("button", { name: "Picture from the server" }).click();
   await page.waitForSelector("dialog.server-picture img");
   const address = await page.locator("#server-address").inputValue();
@@ -499,11 +514,13 @@ test(
         await inSettings(page, () => page.locator("#theme").selectOption(theme));
         await page.locator("#surface").focus();
         await page.locator(".layouts button[value=slices]").click();
-        for (const group of await page.locator(".panel > details, .sidebar > details").all()) {
-          if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
-        }
         await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
-        await check(`${language} ${theme}`);
+        for (const name of ["case", "images", "read"] as const) {
+          await tab(page, name);
+          for (const group of await page.locator(".panel > details:visible").all())
+            if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
+          await check(`${language} ${theme} ${name}`);
+        }
         if (theme === "light") await keep(page, `light-${language}`);
         for (const layout of ["single", "mirror", "both"]) {
           await page.locator(`.layouts button[value=${layout}]`).click();
@@ -514,9 +531,10 @@ test(
           ["help", ".bar .icon-button >> nth=-1"],
           ["settings", "#settings"],
           ["confirm-delete", "#case-list li > button"],
-          ["server-picture", ".panel .group:last-child button >> nth=2"],
-          ["series", ".panel .group:last-child button >> nth=3"],
+          ["server-picture", "#menu-export button >> nth=2"],
+          ["series", "#menu-export button >> nth=3"],
         ] as const) {
+          if (opener.startsWith("#menu-export")) await openMenu(page, "export");
           await page.locator(opener).click();
           await page.waitForSelector(`dialog.${name}`);
           await check(`${language} ${theme} ${name}`);

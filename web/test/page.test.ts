@@ -119,7 +119,7 @@ test("every word is used, and no word that is used is missing", () => {
     source.includes(`"${key}"`) ||
     source.includes(`\`${key.slice(0, key.indexOf(".") + 1)}\${`) ||
     source.includes(`\`${key}\``) ||
-    /^(turn|pan|help|theme|wheel|drag|shortcuts|linked_zoom)\./.test(key);
+    /^(help|theme|wheel|drag|shortcuts|linked_zoom)\./.test(key);
   for (const key of Object.keys(english)) assert.ok(used(key), key);
 });
 
@@ -288,11 +288,11 @@ test("preferences that are damaged are as at first", () => {
     shortcuts: true,
     knows_depth: false,
     linked_zoom: true,
+    list: false,
     panel: true,
     task: "read",
-    unfolded: ["panel.maps", "panel.point", "panel.findings", "panel.layers"],
+    unfolded: ["panel.list", "panel.point", "panel.layers"],
     reader: "",
-    list_width: 272,
   });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3,"unfolded":1}'])
     assert.deepEqual(readPreferences(text, ["en"]), first, text);

@@ -76,6 +76,15 @@ export const ICONS = [
   "edit",
   "settings",
   "help",
+  "point",
+  "window",
+  "ruler",
+  "across",
+  "hide",
+  "blur",
+  "flair",
+  "more",
+  "export",
 ] as const;
 export type Icon = (typeof ICONS)[number];
 

@@ -219,8 +219,8 @@ export type LayerCommand =
 export type Command =
   | ChangingCommand
   | LayerCommand
-  /** The next place of the list, or finding, or the one before. */
-  | { readonly kind: "place" | "finding"; readonly steps: number }
+  /** The next row of the list of places and findings, or the one before. */
+  | { readonly kind: "row"; readonly steps: number }
   /** About the place or finding at the mark. */
   | { readonly kind: "judge"; readonly judgement: Judgement }
   /** The saved layout of a number. */

@@ -1,6 +1,6 @@
 // What the page does around the chosen case: which one is shown, how another one is, and who looks.
 
-import { effect, signal, untracked } from "@preact/signals";
+import { computed, effect, signal, untracked } from "@preact/signals";
 
 import { anyArrivals, deleteCase, getCase, getHolder, handOver } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
@@ -16,7 +16,7 @@ import { announce, announced } from "../store/announce.ts";
 import { Cases } from "../store/cases.ts";
 import { perform } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
-import { preferences } from "../store/preferences.ts";
+import { choose, preferences } from "../store/preferences.ts";
 import { confirmDelete, helpDialog } from "./dialogs.tsx";
 import { Upload } from "./upload.tsx";
 import { Viewer } from "./viewer.tsx";
@@ -34,8 +34,13 @@ export class App {
   readonly viewer = signal<Viewer | null>(null);
   /** Why the case of the address cannot be shown; empty where it can. */
   readonly absence = signal("");
-  /** Where the window is narrow, the picture comes first. */
-  readonly hasList = signal(window.innerWidth >= 1200);
+  /** The list is there to choose from, and beside a picture where it is wanted. */
+  readonly hasList = computed(() => {
+    const isWide = window.innerWidth >= BESIDE_PIXELS;
+    return (
+      preferences.value.list || (isWide ? !this.viewer.value : !this.chosen.value && this.cases.all.value.length > 0)
+    );
+  });
   readonly isSilent = signal(false);
   /** Whether anything has come from a PACS. */
   readonly hasArrivals = signal(false);
@@ -46,6 +51,8 @@ export class App {
   #routed = 0;
   /** Whether the next key may be the number of a saved layout. */
   #awaitsNumber = false;
+  /** Whether a key is held that hides what lies over the head. */
+  #isHeld = false;
 
   async start(): Promise<void> {
     effect(() => {
@@ -68,10 +75,7 @@ export class App {
     await this.cases.refresh();
     document.body.dataset.loaded = "true";
     // Where there is no room beside it, the area for files is in sight alone.
-    if (this.cases.all.peek().length === 0 && window.innerWidth >= BESIDE_PIXELS) {
-      this.hasList.value = true;
-      this.upload.isOpen.value = true;
-    }
+    if (this.cases.all.peek().length === 0 && window.innerWidth >= BESIDE_PIXELS) this.upload.isOpen.value = true;
     // Of what was refused there is no case: its list is offered once anything has come.
     effect(() => {
       if (this.cases.all.value.length >= 0 && !this.hasArrivals.peek()) void this.#lookForArrivals();
@@ -94,13 +98,13 @@ export class App {
   }
 
   chooseFiles(): void {
-    this.hasList.value = true;
+    choose({ list: true });
     this.upload.choose();
   }
 
   drop(files: readonly File[]): void {
     if (!mayWrite.peek()) return;
-    this.hasList.value = true;
+    choose({ list: true });
     this.upload.drop(files);
   }
 
@@ -142,8 +146,6 @@ export class App {
     // What was shown without being named keeps its place, whatever else is added.
     if (chosen && address.kind === "none") history.replaceState(null, "", `#${chosen.id}`);
     this.#show(chosen, address.kind === "case" ? address.rest : "");
-    // There is something to choose from.
-    if (!chosen && all.length > 0) this.hasList.value = true;
   }
 
   /** The address was changed by Back, or by hand. */
@@ -175,7 +177,7 @@ export class App {
     announced.value = "";
     this.viewer.value = ready && new Viewer(ready, { rest, left: this.#memory.of(ready), serverOnly });
     // Where the list lies over the picture, it has been chosen from.
-    if (ready && window.innerWidth < BESIDE_PIXELS) this.hasList.value = false;
+    if (ready && window.innerWidth < BESIDE_PIXELS) choose({ list: false });
   }
 
   async remove(one: Case): Promise<void> {
@@ -197,7 +199,8 @@ export class App {
   /** What a key did while it was held is over. */
   release(): void {
     const viewer = this.viewer.peek();
-    if (viewer) perform(viewer.store, { kind: "release" });
+    if (viewer && this.#isHeld) perform(viewer.store, { kind: "release" });
+    this.#isHeld = false;
   }
 
   /** A key that is no one else's. */
@@ -211,7 +214,7 @@ export class App {
     const typed = "input:not([type=range], [type=checkbox]), textarea";
     const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
     // From what is written in the panel, back to the picture.
-    if (ofField?.closest(".panel") && event.key === "Escape") document.getElementById("stage")?.focus();
+    if (ofField?.closest(".panel, .menu") && event.key === "Escape") document.getElementById("stage")?.focus();
     const isLetter = !hasModifier && event.key !== "Escape";
     if (!onPicture && (ofField || (isLetter && !preferences.peek().shortcuts))) return;
     const command = (this.#awaitsNumber && recallOf(event)) || commandOf(event);
@@ -221,7 +224,7 @@ export class App {
     // A button or a link is worked by these; a page is scrolled.
     const ofControl =
       event.target.closest("button, a, summary, input") !== null && (event.key === " " || event.key === "Enter");
-    const scrolls = event.target.closest("#sidebar, .candidates") ? /^(Arrow|Page)/ : /^Arrow/;
+    const scrolls = event.target.closest("#sidebar, .rows, .menu") ? /^(Arrow|Page)/ : /^Arrow/;
     const ofPage = !onPicture && (scrolls.test(event.key) || event.key === "Enter");
     if (ofControl || ofPage) return;
     const viewer = this.viewer.peek();
@@ -229,5 +232,6 @@ export class App {
     event.preventDefault();
     if (command.kind === "help") helpDialog();
     else if (viewer) perform(viewer.store, command);
+    this.#isHeld ||= command.kind === "hold";
   }
 }

@@ -11,7 +11,7 @@ import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { askText } from "./dialogs.tsx";
 import { fileStem } from "./export.ts";
-import { Button, type OfStore, Row, Section, Ticked, Writing } from "./fields.tsx";
+import { Button, type OfStore, Row, Section, Status, Ticked, Writing } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
 import { maskDialog } from "./server-picture.tsx";
 
@@ -122,9 +122,7 @@ export function CaseSection({ store, made }: OfStore & { readonly made: Made }) 
       <Writing>
         <Version shown={shown} made={made} say={say} attempt={attempt} />
       </Writing>
-      <p class="quiet" role="status">
-        {note}
-      </p>
+      <Status words={note} />
     </Section>
   );
 }

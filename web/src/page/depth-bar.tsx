@@ -7,7 +7,7 @@ import { depthOfShare, shareOfDepth, ticksTo } from "../model/depth-scale.ts";
 import { DEPTH_STEP_MM, FINE_DEPTH_STEP_MM, GOOD_DEPTHS_MM, clampDepth, stepDepth } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { choose, preferences } from "../store/preferences.ts";
-import { IconButton, type OfStore, Typed } from "./fields.tsx";
+import { Bar, IconButton, Menu, type OfStore, Quiet, Typed } from "./fields.tsx";
 
 /** The slider's own numbers: its places, not millimetres, for its two halves are of different scales. */
 const PLACES = 1000;
@@ -81,7 +81,35 @@ export function DepthBar({ store }: OfStore) {
       <IconButton icon="plus" label={t("depth.more")} onClick={() => step(1)} />
       <DepthNumber store={store} take={take} />
       <span class="unit">mm</span>
+      <Slant store={store} />
     </div>
+  );
+}
+
+/** The share of the boundary that the cut meets slantwise at the depth that is shown; in its menu, at all depths at which there is any. */
+function Slant({ store }: OfStore) {
+  const { junction_by_depth = [], junction_poorly_met } = store.caseLayers.list.value ?? {};
+  const depth_mm = store.view.depth_mm.value;
+  const bands = junction_by_depth
+    .filter(({ places }) => places > 0)
+    .map(({ from_mm, to_mm, slanted_share }) => ({
+      label: to_mm === undefined ? `> ${number(from_mm)} mm` : `${number(from_mm)} – ${number(to_mm)} mm`,
+      share: slanted_share,
+      words: `${number(100 * slanted_share)} %`,
+      isShown: from_mm <= depth_mm && depth_mm < (to_mm ?? Infinity),
+    }));
+  if (bands.length === 0) return null;
+  const here = bands.find(({ isShown }) => isShown)?.words ?? "–";
+  return (
+    <Menu name="slant" class="slant" title={t("map.slant")} button={t("map.slant-here", { share: here })}>
+      <Quiet>{t("map.slant")}</Quiet>
+      {bands.map(({ isShown, ...band }) => (
+        <Bar key={band.label} aria-current={isShown} {...band} />
+      ))}
+      <p class="poorly-met">
+        {junction_poorly_met !== undefined && t("map.slant.total", { share: number(100 * junction_poorly_met) })}
+      </p>
+    </Menu>
   );
 }
 

@@ -7,6 +7,7 @@ import { h } from "../base/dom.ts";
 import { t, wordsBetween } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { BINDINGS } from "../model/keys.ts";
+import { preferences } from "../store/preferences.ts";
 import { Button, Icon, Quiet } from "./fields.tsx";
 
 /** A button that closes its dialog. */
@@ -211,13 +212,13 @@ export function helpDialog(): void {
   // Each line is "how|what it is for"; what has no such parts is the title of those after it.
   const keys = BINDINGS.map(({ help, keys: those }) => {
     const how = typeof those === "string" ? t(`key.${those}`) : those.join(", ");
-    return `${how}|${t(`help.key-${help}`)}`;
+    return [how, t(`help.key-${help}`)];
   });
   const sections: { readonly title: string; readonly lines: (readonly [string, string])[] }[] = [];
-  for (const words of [...wordsBetween("help.mouse", "help.keys"), t("help.keys"), ...keys]) {
-    const [how = "", what] = words.split("|");
+  const hands = wordsBetween("help.mouse", "help.keys").map((words) => words.split("|"));
+  for (const [how = "", what] of [...hands, [t("help.keys")], ...keys]) {
     if (what === undefined) sections.push({ title: how, lines: [] });
-    else sections.at(-1)?.lines.push([how, what]);
+    else sections.at(-1)?.lines.push([how, what.replace("{use}", t(`wheel.${preferences.peek().wheel}`))]);
   }
   void open(
     t("help.title"),

@@ -9,6 +9,9 @@ import { mayWrite } from "../store/holder.ts";
 import { preferences, unfold } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 
+/** As wide as the style sheet has menus, with its rim. */
+const MENU_PIXELS = 296;
+
 /** What every section is given. */
 export interface OfStore {
   readonly store: Store;
@@ -126,6 +129,61 @@ export const Line = ({
     {children}
   </div>
 );
+
+/** A share as a bar, and in words. */
+export const Bar = ({
+  label,
+  share,
+  words,
+  ...rest
+}: { readonly label: string; readonly share: number; readonly words: string } & Attributes) => (
+  <Line label={label} {...rest}>
+    <meter value={share} aria-label={`${label}: ${words}`} />
+    <span class="value quiet" aria-hidden="true">
+      {words}
+    </span>
+  </Line>
+);
+
+/** A button with a box of controls, which lies over the page until a hand is elsewhere. */
+export function Menu({
+  name,
+  button,
+  children,
+  ...rest
+}: { readonly name: string; readonly button: ComponentChildren } & Children & Attributes) {
+  const id = `menu-${name}`;
+  const opener = useRef<HTMLButtonElement>(null);
+  // It stands below its button, or above it where that is low.
+  const place = (box: HTMLElement): void => {
+    const { left, top, bottom } = opener.current?.getBoundingClientRect() ?? new DOMRect();
+    const isLow = top > innerHeight / 2;
+    const rest = document.documentElement.clientWidth - MENU_PIXELS;
+    box.style.left = `${Math.max(0, Math.min(left, rest))}px`;
+    box.style.top = isLow ? "auto" : `${bottom + 2}px`;
+    box.style.bottom = isLow ? `${innerHeight - top + 2}px` : "auto";
+    box.style.maxHeight = `${(isLow ? top : innerHeight - bottom) - 8}px`;
+  };
+  return (
+    <>
+      <button type="button" popovertarget={id} ref={opener} {...rest}>
+        {button}
+      </button>
+      <div
+        id={id}
+        class="menu"
+        popover="auto"
+        onBeforeToggle={({ currentTarget }) => place(currentTarget)}
+        onKeyDown={(event) => {
+          // It closes the box alone.
+          if (event.key === "Escape") event.stopPropagation();
+        }}
+      >
+        {children}
+      </div>
+    </>
+  );
+}
 
 /** Buttons side by side. */
 export const Row = ({ children }: Children) => <div class="row">{children}</div>;

@@ -12,7 +12,7 @@ import { LAYOUTS } from "../model/state.ts";
 import { announced } from "../store/announce.ts";
 import { setLayout } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
-import { LIST_WIDTHS, boundWidth, choose, preferences } from "../store/preferences.ts";
+import { choose, preferences } from "../store/preferences.ts";
 import type { App } from "./app.ts";
 import { arrivalsDialog } from "./arrivals.tsx";
 import { CaseList } from "./cases.tsx";
@@ -31,7 +31,7 @@ interface OfApp {
 export function Frame({ app }: OfApp) {
   const { panel } = preferences.value;
   const hasList = app.hasList.value;
-  const [listWidth, setListWidth] = useState(preferences.peek().list_width);
+  const viewer = app.viewer.value;
   const [barHeight, setBarHeight] = useState(0);
   const bar = useRef<HTMLElement>(null);
   // Where the list lies over the picture, it begins below the bar, which may have several lines.
@@ -56,10 +56,8 @@ export function Frame({ app }: OfApp) {
         <Bar app={app} />
       </header>
       <main
-        class={["page", hasList && "with-sidebar", !(panel && app.viewer.value) && "no-panel"]
-          .filter(Boolean)
-          .join(" ")}
-        style={{ "--list-width": `${listWidth}px`, "--bar-height": `${barHeight}px` }}
+        class={["page", hasList && "with-sidebar", !(panel && viewer) && "no-panel"].filter(Boolean).join(" ")}
+        style={{ "--bar-height": `${barHeight}px` }}
       >
         <nav class="sidebar" id="sidebar" aria-label={t("cases.title")} hidden={!hasList}>
           <h2>{t("cases.title")}</h2>
@@ -73,12 +71,18 @@ export function Frame({ app }: OfApp) {
             </Button>
           )}
           <CaseList cases={app.cases} remove={(one) => void app.remove(one)} />
-          <Resizer width={listWidth} show={setListWidth} />
         </nav>
         <section class="stage" id="stage" tabIndex={-1} aria-labelledby="case-title">
           <Stage app={app} />
         </section>
-        <Controls app={app} />
+        {viewer && (
+          <Panel
+            key={viewer.store.shown.id}
+            store={viewer.store}
+            made={(one, wasThere) => void app.made(one, wasThere)}
+            onScreen={() => viewer.onScreen}
+          />
+        )}
       </main>
       <div class="visually-hidden" id="live" role="status" aria-live="polite">
         {announced}
@@ -103,7 +107,7 @@ function Bar({ app }: OfApp) {
         icon="menu"
         label={t("cases.toggle")}
         aria-expanded={String(app.hasList.value)}
-        onClick={() => (app.hasList.value = !app.hasList.peek())}
+        onClick={() => choose({ list: !app.hasList.peek() })}
       />
       <h1>Isocortex</h1>
       <h2 id="case-title">{chosen ? caseTitle(chosen) : t("case.none")}</h2>
@@ -253,56 +257,5 @@ function Verdict({ viewer }: { readonly viewer: Viewer }) {
         ))}
       </ul>
     </div>
-  );
-}
-
-function Controls({ app }: OfApp) {
-  const viewer = app.viewer.value;
-  if (!viewer) return null;
-  return (
-    <Panel
-      key={viewer.store.shown.id}
-      store={viewer.store}
-      made={(one, wasThere) => void app.made(one, wasThere)}
-      onScreen={() => viewer.onScreen}
-    />
-  );
-}
-
-/** In CSS pixels. */
-const STEP = 16;
-
-/** The edge of the list, which can be dragged or moved with arrows. */
-function Resizer({ width, show }: { readonly width: number; show(width: number): void }) {
-  const [least, most] = LIST_WIDTHS;
-  return (
-    <div
-      class="resizer"
-      role="separator"
-      tabIndex={0}
-      aria-orientation="vertical"
-      aria-label={t("cases.width")}
-      aria-valuemin={least}
-      aria-valuemax={most}
-      aria-valuenow={width}
-      onPointerDown={(event) => {
-        event.currentTarget.setPointerCapture(event.pointerId);
-        event.preventDefault();
-        event.currentTarget.focus();
-      }}
-      onPointerMove={({ currentTarget, pointerId, clientX }) => {
-        if (currentTarget.hasPointerCapture(pointerId)) show(boundWidth(clientX));
-      }}
-      onLostPointerCapture={() => choose({ list_width: width })}
-      onKeyDown={(event) => {
-        const steps = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-        if (steps === undefined) return;
-        event.preventDefault();
-        event.stopPropagation();
-        const list_width = boundWidth(width + steps * STEP);
-        show(list_width);
-        choose({ list_width });
-      }}
-    />
   );
 }

@@ -11,12 +11,23 @@ import { CONTRASTS, LAYER_KINDS, type Layer, TRANSFORMS, greyOf, isAdded, isRead
 import { isLayerId } from "../model/maps.ts";
 import { layersOf } from "../model/state.ts";
 import { announce } from "../store/announce.ts";
-import { Comparison } from "./comparison.tsx";
 import { askText, confirmDelete } from "./dialogs.tsx";
-import { Button, Choice, FileInput, IconButton, Line, type OfStore, Quiet, Row, Section, Writing } from "./fields.tsx";
+import {
+  Button,
+  Choice,
+  FileInput,
+  IconButton,
+  Line,
+  type OfStore,
+  Quiet,
+  Row,
+  Section,
+  Status,
+  Writing,
+} from "./fields.tsx";
 import { sendLayer, wishOf } from "./layer-form.ts";
+import { Comparison, OverlayControls } from "./look-controls.tsx";
 import { Nudge } from "./nudge.tsx";
-import { OverlayControls } from "./overlay-controls.tsx";
 import { Transfer, useTransfer } from "./transfer.tsx";
 import { freeName, sortLayers } from "./upload-files.ts";
 
@@ -41,7 +52,7 @@ export function LayersSection({ store }: OfStore) {
     }
   };
   return (
-    <Section title="panel.layers" name="added" data-task="layers">
+    <Section title="panel.layers" name="added" data-task="images">
       {list ? (
         <>
           {added.length === 0 && <Quiet>{t("layers.none")}</Quiet>}
@@ -204,9 +215,7 @@ function AddLayer({ store }: OfStore) {
           <FileInput id="layer-files" words={t("upload.choose-files")} multiple onFiles={setChosen} />
           <FileInput id="layer-folder" words={t("upload.choose-folder")} webkitdirectory onFiles={setChosen} />
         </Row>
-        <p class="quiet" role="status">
-          {labels ? `${chosenWords} ${t("layer.chosen-labels")}` : chosenWords}
-        </p>
+        <Status words={labels ? `${chosenWords} ${t("layer.chosen-labels")}` : chosenWords} />
         <Line label={t("layer.name")}>
           <input
             type="text"

@@ -8,27 +8,41 @@ import { mayWrite } from "../store/holder.ts";
 import { type Measured, columnWords, wordsOf } from "../store/measures.ts";
 import { Button, Buttons, IconButton, Line, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 
-export function MeasuresSection({ store }: OfStore) {
-  const { measures } = store;
+/** What can be measured, and by which keys. */
+export function RulerControls({ store: { measures, looks } }: OfStore) {
   const tool = measures.tool.value;
-  const section = useRef<HTMLParagraphElement>(null);
-  useLayoutEffect(() => {
-    if (tool) section.current?.closest("details")?.setAttribute("open", "");
-  }, [tool]);
   return (
-    <Section title="panel.measure" data-task="read">
+    <>
       <Buttons
-        name="tools"
+        name="rulers"
         label={t("panel.measure")}
         values={TOOLS}
         value={tool}
         words={(one) => t(`measure.${one}`)}
         onChoose={(one) => {
           measures.choose(one === tool ? null : one);
-          if (measures.isOn) store.looks.value += 1;
+          document.getElementById("menu-ruler")?.hidePopover();
+          if (measures.isOn) looks.value += 1;
         }}
       />
-      <p class="quiet" role="status" ref={section}>
+      <Quiet>{measures.hint.value}</Quiet>
+      <p class="quiet keys">{t("measure.keys")}</p>
+    </>
+  );
+}
+
+/** What to do next, and what was measured; nothing as long as nobody measures. */
+export function MeasuresSection({ store: { measures }, store }: OfStore) {
+  const tool = measures.tool.value;
+  const list = measures.list.value;
+  const hint = useRef<HTMLParagraphElement>(null);
+  useLayoutEffect(() => {
+    if (tool) hint.current?.closest("details")?.setAttribute("open", "");
+  }, [tool]);
+  if (!tool && list.length === 0) return null;
+  return (
+    <Section title="panel.measure" data-task="read">
+      <p class="quiet" role="status" ref={hint}>
         {measures.hint.value}
       </p>
       <Row>
@@ -39,14 +53,13 @@ export function MeasuresSection({ store }: OfStore) {
           </Button>
         )}
       </Row>
-      <p class="quiet keys">{t("measure.keys")}</p>
       <ol class="measures">
-        {measures.list.value.map((measured) => (
+        {list.map((measured) => (
           <Item key={measured.measure.id} store={store} measured={measured} />
         ))}
       </ol>
       <Row>
-        <Button disabled={measures.list.value.length === 0} onClick={() => (measures.list.value = [])}>
+        <Button disabled={list.length === 0} onClick={() => (measures.list.value = [])}>
           {t("measure.clear")}
         </Button>
       </Row>

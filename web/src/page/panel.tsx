@@ -1,4 +1,4 @@
-// The visible controls: everything that hands and keys do can be done here as well.
+// The panel beside the pictures: its tabs, and the sections of each.
 
 import { useLayoutEffect, useRef } from "preact/hooks";
 
@@ -6,26 +6,22 @@ import { t } from "../base/i18n.ts";
 import { TASKS, choose, preferences } from "../store/preferences.ts";
 import { CaseSection, type Made } from "./case-section.tsx";
 import { ChecklistSection } from "./checklist-section.tsx";
-import { DrawingSection } from "./drawing-section.tsx";
 import type { OnScreen } from "./export.ts";
-import { ExportSection } from "./export-section.tsx";
 import { Buttons, type OfStore } from "./fields.tsx";
-import { FindingsSection } from "./findings-section.tsx";
 import { LayersSection } from "./layers-section.tsx";
 import { LayoutsSection } from "./layouts-section.tsx";
-import { MapsSection } from "./maps-section.tsx";
+import { ListSection } from "./list-section.tsx";
 import { MeasuresSection } from "./measures-section.tsx";
 import { PointSection } from "./point-section.tsx";
 import { ResultsSection } from "./results-section.tsx";
-import { ViewSection } from "./view-section.tsx";
-import { WindowSection } from "./window-section.tsx";
+import { DrawingSection, ViewSection } from "./view-section.tsx";
 
 interface PanelProps extends OfStore {
   readonly made: Made;
   onScreen(): OnScreen;
 }
 
-/** The panel beside the picture: its sections in the order of a reading: where to look, what is there, what is written down, how it is shown. */
+/** The panel beside the picture: its sections in the order of a reading. */
 export function Panel({ store, made, onScreen }: PanelProps) {
   const panel = useRef<HTMLElement>(null);
   const task = store.task.value;
@@ -54,18 +50,15 @@ export function Panel({ store, made, onScreen }: PanelProps) {
           choose({ task: one });
         }}
       />
-      <MapsSection store={store} />
+      <ListSection store={store} />
       <PointSection store={store} />
-      <FindingsSection store={store} />
       <MeasuresSection store={store} />
       <ChecklistSection store={store} />
       <LayoutsSection store={store} />
-      <WindowSection store={store} />
-      <LayersSection store={store} />
       <ViewSection store={store} />
+      <LayersSection store={store} />
       <DrawingSection store={store} />
       <CaseSection store={store} made={made} />
-      <ExportSection store={store} onScreen={onScreen} />
       <ResultsSection store={store} onScreen={onScreen} />
     </aside>
   );

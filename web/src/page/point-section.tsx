@@ -1,15 +1,9 @@
 // The section of the panel with what is known of the marked point.
 
-import { useComputed } from "@preact/signals";
-
 import { type Key, t } from "../base/i18n.ts";
-import { keyOf } from "../model/keys.ts";
-import { hasSlices } from "../model/state.ts";
-import { bring } from "../store/bring.ts";
-import { perform } from "../store/commands.ts";
 import type { PointWords } from "../store/point.ts";
 import { Chart } from "./chart.tsx";
-import { Button, IconButton, type OfStore, Quiet, Row, Section } from "./fields.tsx";
+import { IconButton, type OfStore, Quiet, Section } from "./fields.tsx";
 
 const LABELS: readonly (readonly [keyof PointWords, Key])[] = [
   ["position", "point.position"],
@@ -18,20 +12,16 @@ const LABELS: readonly (readonly [keyof PointWords, Key])[] = [
 ];
 
 export function PointSection({ store }: OfStore) {
-  const { point, view, places } = store;
+  const { point, rows } = store;
   const words = point.words.value;
   const known = words ? (point.isDeep.value ? t("point.deep") : "") : t("point.hint");
-  const isAcross = useComputed(() => view.state.value.across_deg !== null && hasSlices(view.state.value));
-  const turn = (): void => {
-    const { crosshair_mm: mark } = view.now;
-    if (mark) bring(store, mark, store.surface?.wholeDepth(mark) ?? null);
-  };
-  // Beside an open place of a list the chart stands there.
-  const isAtPlace = places.lists.some(({ open }) => open.value !== null);
+  // The chart of an open place stands in its row.
+  const { list, place } = rows.open.value ?? {};
+  const isInRow = place && list?.open.value === place;
   return (
     <Section title="panel.point" data-task="read">
       <Quiet>{point.missed.value || known}</Quiet>
-      {words ? (
+      {words && (
         <>
           <dl class="point">
             {LABELS.map(([name, label]) => (
@@ -41,23 +31,9 @@ export function PointSection({ store }: OfStore) {
               </>
             ))}
           </dl>
-          <Row>
-            <Button
-              aria-keyshortcuts={keyOf(({ kind }) => kind === "across")}
-              aria-pressed={isAcross.value}
-              onClick={() => perform(store, { kind: "across" })}
-            >
-              {t("across.show")}
-            </Button>
-            <Button onClick={turn}>{t("point.turn")}</Button>
-            <IconButton icon="trash" label={t("point.forget")} onClick={() => store.forgetCross()} />
-          </Row>
-          {!isAtPlace && <Chart store={store} />}
+          <IconButton icon="trash" label={t("point.forget")} onClick={() => store.forgetCross()} />
+          {!isInRow && <Chart store={store} />}
         </>
-      ) : (
-        <Row>
-          <Button onClick={() => perform(store, { kind: "mark" })}>{t("point.mark")}</Button>
-        </Row>
       )}
     </Section>
   );

@@ -1,12 +1,11 @@
-// The section of the panel with the direction, the part of the brain, the zoom, and the way back.
+// The section of the panel with the direction, the part of the brain and the zoom.
 
 import { type ViewName, viewName } from "../model/camera.ts";
 import { number, t } from "../base/i18n.ts";
-import { ARROW_PIXELS } from "../model/keys.ts";
-import { ZOOM_RANGE } from "../model/state.ts";
+import { SLAB_LIMIT_MM, WAYS, ZOOM_RANGE } from "../model/state.ts";
 import { SURFACES } from "../model/surfaces.ts";
 import { perform } from "../store/commands.ts";
-import { Button, Buttons, IconButton, type OfStore, Row, Section, Slider } from "./fields.tsx";
+import { Button, Buttons, ChoiceLine, type OfStore, Row, Section, Slider, Ticked } from "./fields.tsx";
 
 /** As the letters stand in the row. */
 const VIEW_ORDER: readonly ViewName[] = ["left", "right", "anterior", "posterior", "superior", "inferior"];
@@ -47,49 +46,47 @@ export function ViewSection({ store }: OfStore) {
         words={`${number(zoom * 100)} %`}
         onSlide={(value) => store.change({ zoom: 2 ** value })}
       />
-      <div class="pads">
-        <Pad store={store} kind="turn" />
-        <Pad store={store} kind="pan" />
-      </div>
       <Row>
         <Button onClick={() => perform(store, { kind: "reset" })}>{t("reset")}</Button>
-        <IconButton
-          icon="undo"
-          label={t("undo")}
-          disabled={!view.canUndo.value}
-          onClick={() => perform(store, { kind: "undo" })}
-        />
-        <IconButton
-          icon="redo"
-          label={t("redo")}
-          disabled={!view.canRedo.value}
-          onClick={() => perform(store, { kind: "redo" })}
-        />
       </Row>
     </Section>
   );
 }
 
-const ARROWS = [
-  ["left", -1, 0],
-  ["up", 0, -1],
-  ["down", 0, 1],
-  ["right", 1, 0],
-] as const;
-
-/** Arrows that turn or move, for those who cannot drag. */
-const Pad = ({ store, kind }: OfStore & { readonly kind: "turn" | "pan" }) => (
-  <div class="line" role="group" aria-label={t(`${kind}.label`)}>
-    <span class="line-label" aria-hidden="true">
-      {t(`${kind}.label`)}
-    </span>
-    {ARROWS.map(([name, x, y]) => (
-      <IconButton
-        key={name}
-        icon={name}
-        label={t(`${kind}.${name}`)}
-        onClick={() => perform(store, { kind, move: [x * ARROW_PIXELS, y * ARROW_PIXELS] })}
+export function DrawingSection({ store }: OfStore) {
+  const { way, ambient, slab_mm, averages_shallow } = store.view.state.value;
+  return (
+    <Section title="panel.drawing" data-task="images">
+      <ChoiceLine
+        id="way"
+        label={t("way.label")}
+        values={WAYS}
+        value={way}
+        words={(name) => t(`way.${name}`)}
+        onChoose={(name) => store.change({ way: name }, true)}
       />
-    ))}
-  </div>
-);
+      <Slider
+        id="light"
+        label={t("light.label")}
+        range={[0, 1, 0.05]}
+        value={Number((1 - ambient).toFixed(2))}
+        words={`${number(100 * (1 - ambient))} %`}
+        onSlide={(share) => store.change({ ambient: Number((1 - share).toFixed(2)) })}
+      />
+      <Slider
+        id="slab"
+        label={t("slab.label")}
+        range={[0, Math.min(SLAB_LIMIT_MM, 5), 0.5]}
+        value={slab_mm}
+        words={`±${number(slab_mm, 1)} mm`}
+        onSlide={(value) => store.change({ slab_mm: value })}
+      />
+      <Ticked
+        id="averages"
+        words={t("averages.label")}
+        checked={averages_shallow}
+        onTick={(isTicked) => store.change({ averages_shallow: isTicked }, true)}
+      />
+    </Section>
+  );
+}

@@ -23,6 +23,7 @@ import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
 import { LoadingLine, Note, Notices, unreadWords } from "./notices.tsx";
 import { spokenWords } from "./spoken.ts";
+import { Tools } from "./tools.tsx";
 
 /** How long the state rests before the address follows it and the depth is read out. */
 const REST_MS = 350;
@@ -85,6 +86,7 @@ export class Viewer {
     this.element = h(
       "div",
       { class: "viewer" },
+      this.#mounted(<Tools store={store} onScreen={() => this.onScreen} />),
       this.#mounted(<Notices store={store} />),
       this.#panes,
       this.#mounted(<Explanation />),

@@ -3,14 +3,14 @@
 import { t } from "../base/i18n.ts";
 import { DEEP_MM, broughtInside, broughtTo, innerSideOf } from "../model/commands.ts";
 import type { Change } from "../model/controls.ts";
-import { type Finding, findingOfPlace, middleOf } from "../model/findings.ts";
-import { type Candidate, type ListingMap, firstOverlay } from "../model/maps.ts";
+import { findingOfPlace, middleOf } from "../model/findings.ts";
+import { type ListingMap, firstOverlay } from "../model/maps.ts";
 import { distance_mm, mirrorPlane } from "../model/midsagittal.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Layout, hasSlices } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
 import { announce } from "./announce.ts";
-import type { PlacesOfMap } from "./places.ts";
+import type { Row } from "./rows.ts";
 import type { Store } from "./store.ts";
 
 /**
@@ -65,16 +65,12 @@ function evidenceOf({ layers, places, caseLayers, findings, view }: Store): Chan
   return isOf("thickness") && caseLayers.ready("thickness") ? { overlay: firstOverlay("thickness") } : null;
 }
 
-/** Brings a place of a list to the viewer. */
-export function goToPlace(store: Store, list: PlacesOfMap, place: Candidate): void {
-  store.places.use(list);
-  bring(store, place.position_in_patient, place.depth_mm);
-}
-
-/** Brings a finding to the viewer, and unfolds it in the list. */
-export function goToFinding(store: Store, finding: Finding): void {
-  store.findings.unfold(finding);
-  bring(store, middleOf(finding), finding.depth_mm);
+/** Brings what a row of the list is about to the viewer, and unfolds it. */
+export function goToRow(store: Store, { place, finding }: Row): void {
+  if (finding) store.findings.unfold(finding);
+  else store.findings.open.value = null;
+  if (place) bring(store, place.position_in_patient, place.depth_mm);
+  else if (finding) bring(store, middleOf(finding), finding.depth_mm);
 }
 
 /** More is known of the surface: a place that waits for a half is brought to its depth there, and no depth is below its deepest. */

@@ -7,9 +7,9 @@ import type { ChangingCommand, Command, LayerCommand } from "../model/controls.t
 import { findingAt } from "../model/findings.ts";
 import type { MapName } from "../model/maps.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type Layout, type ViewState, clamp, hasSlices } from "../model/state.ts";
+import { type Layout, type ViewState, hasSlices } from "../model/state.ts";
 import { announce, note } from "./announce.ts";
-import { bring, goToFinding, showEvidence } from "./bring.ts";
+import { goToRow, showEvidence } from "./bring.ts";
 import { mayWrite } from "./holder.ts";
 import { recallLayout } from "./saved-layouts.ts";
 import type { Store } from "./store.ts";
@@ -47,22 +47,14 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
     store.view.change({ map: { ...map, has_inner: !map.has_inner } }, true);
     announce(t(map.has_inner ? "flat-map.outer-shown" : "flat-map.inner-shown"));
   },
-  place: async (store, { steps }) => {
-    const place = await store.places.next(steps);
-    if (typeof place === "string") note(place);
-    else bring(store, place.position_in_patient, place.depth_mm);
-  },
-  finding: (store, { steps }) => {
-    const list = store.findings.list.peek();
-    const at = list.findIndex((one) => store.findings.sync.keyOf(one) === store.findings.open.peek());
-    const finding = list[at < 0 ? 0 : clamp(at + steps, 0, list.length - 1)];
-    store.findings.reached.value = finding ?? null;
-    if (finding) goToFinding(store, finding);
-    else note(t("findings.none"));
+  row: async (store, { steps }) => {
+    const row = await store.rows.next(steps);
+    if (typeof row === "string") note(row);
+    else goToRow(store, row);
   },
   judge: (store, { judgement }) => {
     if (!mayWrite.peek()) return note(t("findings.read-only"));
-    reach(store, "read");
+    store.task.value = "read";
     const { places, findings, view } = store;
     const { crosshair_mm: mark } = view.now;
     const list = places.lists.find(({ open }) => open.peek());
@@ -83,7 +75,7 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   layouts: () => announce(t("layouts.await")),
   recall: (store, { number }) => recallLayout(store, number),
   ruler: (store) => {
-    reach(store, "read");
+    store.task.value = "read";
     store.measures.toggle();
   },
   mark: (store) => {
@@ -114,7 +106,7 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   beside: ofLayers,
   swap: ofLayers,
   nudge: (store, command) => {
-    reach(store, "layers");
+    store.task.value = "images";
     ofLayers(store, command);
   },
   // The page's own.
@@ -158,11 +150,6 @@ function change(store: Store, command: ChangingCommand): void {
   if (command.kind === "surface") announce(t(`surface.${view.now.surface}-said`));
   if (command.kind === "view") announce(t(`view.${command.name}`));
   if (command.kind === "window") announce(t("window.said", { name: t(`window.${command.preset}`) }));
-}
-
-/** Shows the sections of a task, where not those of all are shown. */
-function reach({ task }: Store, wanted: "read" | "layers"): void {
-  if (task.peek() !== "all") task.value = wanted;
 }
 
 export function setLayout(store: Store, layout: Layout): void {

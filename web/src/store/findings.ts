@@ -60,12 +60,9 @@ export class Findings {
   readonly written = signal<string | null>(null);
   /** What the finding is known by that is unfolded in the list. */
   readonly open = signal<string | null>(null);
-  /** The finding that keys have gone to. */
-  readonly reached = signal<Finding | null>(null);
   /** The mark for which one was unfolded. */
   #marked: Vec3 | null = null;
-  /** Whether any is drawn, and what those that are not are known by, as long as the page is open. */
-  readonly areDrawn = signal(true);
+  /** What those that are not drawn are known by, as long as the page is open. */
   readonly hidden = signal<ReadonlySet<string>>(new Set());
   /** As they are drawn. */
   readonly marked = signal<readonly Marked[]>([]);
@@ -338,7 +335,7 @@ export class Findings {
   #draw(): void {
     const list = this.list.value;
     const depths = this.#depths.value;
-    const isHidden = (one: Finding): boolean => !this.areDrawn.value || this.hidden.value.has(this.sync.keyOf(one));
+    const isHidden = (one: Finding): boolean => this.hidden.value.has(this.sync.keyOf(one));
     const hidden = new Set(list.filter(isHidden).map(({ id }) => id));
     const slide = (position: Vec3, depth_mm: number): Vec3 =>
       this.#flows?.has(position) ? this.#flows.at(position, depth_mm) : position;

@@ -33,7 +33,7 @@ function readSeen(id: string): ReadonlySet<string> {
   }
 }
 
-const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
+export const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
 
 /** The places of a map. */
 export class PlacesOfMap {
@@ -59,11 +59,6 @@ export class PlacesOfMap {
     return this.list.value?.candidates ?? [];
   }
 
-  /** Those that are in sight: the others are folded away until they are wanted. */
-  get inSight(): readonly Candidate[] {
-    return this.isUnfolded.value ? this.candidates : this.candidates.filter(standsOut);
-  }
-
   /** That nothing stands out, and what is to be known about the scores. */
   get nothingWords(): string {
     const { nothing_stands_out, caveat } = this.list.value ?? {};
@@ -79,13 +74,9 @@ export class Places {
   readonly lists: readonly PlacesOfMap[];
   /** What is to be said about all of them. */
   readonly said = signal("");
-  /** The place that keys have gone to. */
-  readonly reached = signal<Candidate | null>(null);
   readonly #id: string;
   readonly #layers: CaseLayers;
   readonly #seen: Signal<ReadonlySet<string>>;
-  /** Where keys step: the list that was asked for, unfolded or gone through last. */
-  #stepped: PlacesOfMap;
   /** The layer whose map lists the places of the FLAIR. */
   #flairOf: string | undefined;
   readonly #ends: (() => void)[] = [];
@@ -95,12 +86,11 @@ export class Places {
     this.#layers = layers;
     this.#seen = signal(readSeen(this.#id));
     this.lists = LISTING_MAPS.map((map) => new PlacesOfMap(map, view));
-    [this.#stepped] = this.lists as [PlacesOfMap];
     for (const list of this.lists) {
       this.#ends.push(
         effect(() => {
           const place = list.open.value;
-          if (place) untracked(() => this.#look(list, place));
+          if (place) untracked(() => this.#look(place));
         }),
       );
     }
@@ -114,30 +104,6 @@ export class Places {
   /** Whether a place was looked at. */
   isSeen({ position_in_patient }: Candidate): boolean {
     return this.#seen.value.has(nameOf(position_in_patient));
-  }
-
-  /** Keys step through a list from now on. */
-  use(list: PlacesOfMap): void {
-    this.#stepped = list;
-  }
-
-  /** Shows the places that do not stand out, or folds them again. */
-  unfold(list: PlacesOfMap): void {
-    list.isUnfolded.value = !list.isUnfolded.peek();
-    if (list.isUnfolded.peek()) this.#stepped = list;
-  }
-
-  /**
-   * The place so many rows further in the list that is in use; the first time, its first one. Where there is none, what there is to
-   * say about that.
-   */
-  async next(steps: number): Promise<Candidate | string> {
-    if (this.#stepped.candidates.length === 0) await this.ask(this.#stepped);
-    const { inSight, open, nothingWords } = this.#stepped;
-    const at = open.peek() ? inSight.indexOf(open.peek() as Candidate) + steps : 0;
-    const place = inSight[Math.min(Math.max(at, 0), inSight.length - 1)];
-    this.reached.value = place ?? null;
-    return place ?? nothingWords;
   }
 
   /** The places of a map that stand out, whether or not they are listed; null until the map is ready. */
@@ -160,7 +126,6 @@ export class Places {
         this.said.value = places.candidates.length === 0 ? t("candidates.none") : "";
         list.isUnfolded.value = false;
         list.list.value = places;
-        this.#stepped = list;
       }
     } catch (problem) {
       this.said.value = problemWords(problem);
@@ -176,9 +141,7 @@ export class Places {
     return place && !isColoured ? { ...state, place_mm: place.size_mm } : state;
   }
 
-  /** What is gone to is shown. */
-  #look(list: PlacesOfMap, place: Candidate): void {
-    if (!list.inSight.includes(place)) list.isUnfolded.value = true;
+  #look(place: Candidate): void {
     this.#seen.value = new Set(this.#seen.peek()).add(nameOf(place.position_in_patient));
     keep("sessionStorage", seenKey(this.#id), [...this.#seen.peek()]);
   }

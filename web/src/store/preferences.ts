@@ -5,22 +5,17 @@ import { signal } from "@preact/signals";
 import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
 import { keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
-import { clamp } from "../model/state.ts";
 import { plainLine } from "../model/text.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
-/** What the panel has sections for; `all` shows those of every task. */
-export const TASKS = ["read", "layers", "case", "all"] as const;
+/** The tabs of the panel. */
+export const TASKS = ["read", "images", "case"] as const;
 export type Task = (typeof TASKS)[number];
 
 export const THEMES = ["dark", "light"] as const;
 
 /** The sections of the panel that are unfolded at first. */
-const UNFOLDED: readonly string[] = ["panel.maps", "panel.point", "panel.findings", "panel.layers"] satisfies Key[];
-
-/** The width of the list, in CSS pixels. */
-export const LIST_WIDTHS = [200, 520] as const;
-export const boundWidth = (width: number): number => clamp(Math.round(width), ...LIST_WIDTHS);
+const UNFOLDED: readonly string[] = ["panel.list", "panel.point", "panel.layers"] satisfies Key[];
 
 export interface Preferences {
   readonly language: Language;
@@ -33,6 +28,8 @@ export interface Preferences {
   readonly knows_depth: boolean;
   /** Whether the slices of a case have one zoom. */
   readonly linked_zoom: boolean;
+  /** Whether the list of cases is shown beside a picture. */
+  readonly list: boolean;
   /** Whether the panel beside the picture is shown. */
   readonly panel: boolean;
   /** Whose sections the panel shows. */
@@ -41,12 +38,9 @@ export interface Preferences {
   readonly unfolded: readonly string[];
   /** Who reads: the author of new findings; empty: nobody has said. */
   readonly reader: string;
-  /** Of the list, in CSS pixels. */
-  readonly list_width: number;
 }
 
 const KEY = "isocortex";
-const LIST_WIDTH = 272;
 
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
@@ -65,11 +59,11 @@ export function readPreferences(text: string | null, preferred: readonly string[
     shortcuts: stored.shortcuts !== false,
     knows_depth: stored.knows_depth === true,
     linked_zoom: stored.linked_zoom !== false,
+    list: stored.list === true,
     panel: stored.panel !== false,
     task: TASKS.find((one) => one === stored.task) ?? "read",
     unfolded: Array.isArray(stored.unfolded) ? stored.unfolded.filter((one) => typeof one === "string") : UNFOLDED,
     reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
-    list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
 }
 

@@ -18,6 +18,7 @@ import { Measures } from "./measures.ts";
 import { Places } from "./places.ts";
 import { MarkedPoint } from "./point.ts";
 import { type Task, choose, preferences } from "./preferences.ts";
+import { Rows } from "./rows.ts";
 import { ShownLayers } from "./shown-layers.ts";
 import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
 import { Sweep } from "./sweep.ts";
@@ -34,6 +35,7 @@ export class Store {
   readonly layers: ShownLayers;
   readonly places: Places;
   readonly findings: Findings;
+  readonly rows: Rows;
   readonly measures: Measures;
   readonly point: MarkedPoint;
   readonly status = signal<SurfaceStatus | null>(null);
@@ -105,6 +107,7 @@ export class Store {
     this.places = new Places(this.view, this.caseLayers);
     const depths = computed(() => this.surface?.depths ?? null);
     this.findings = new Findings(this.view, depths, (position) => this.surface?.wholeDepth(position) ?? null);
+    this.rows = new Rows(this.places, this.findings);
     this.measures = new Measures(this.view, depths, this.findings);
     this.point = new MarkedPoint(this.view, () => this.surface, this.layers);
     const flairOf = computed(() => this.caseLayers.list.value?.layers.find(({ id }) => id === "flair")?.of_layer);
@@ -122,7 +125,7 @@ export class Store {
     this.#end();
     this.sweep.stop();
     this.caseLayers.dispose();
-    for (const part of [this.layers, this.places, this.findings, this.measures, this.point]) part.dispose();
+    for (const part of [this.layers, this.places, this.rows, this.findings, this.measures, this.point]) part.dispose();
   }
 
   /** Who draws the surface and knows its points; what follows this hears when more is known. */
