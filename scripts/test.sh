@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs the checks: `fast` (format, lints, unit tests) or `all` (also the integration, documentation and browser tests).
+# Runs the checks: `fast` (format, lints, fast unit tests) or `all` (also the integration, documentation and browser tests).
 # Every step runs even if an earlier one failed; the last line is a summary. Of the laboratory, a workspace of its own, `all` tests
 # the trial, which is made for users: `make lab` checks the rest.
 set -euo pipefail
@@ -151,6 +151,7 @@ step "page's unit tests" page_tests
 step "page's size" node web/sizes.mjs
 
 if [ "$mode" = fast ]; then
+  export NEXTEST_PROFILE=fast
   step "unit tests" rust_tests --lib --bins
 else
   # Building the tests and the program in one go gives both the same features.

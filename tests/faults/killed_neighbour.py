@@ -137,6 +137,7 @@ class Node:
     def __init__(self, seconds):
         received = self.received = {}
         self.bodies = 0
+        self.seconds = seconds
         node = self
 
         class Handler(http.server.BaseHTTPRequestHandler):
@@ -149,7 +150,7 @@ class Node:
                 start = body.index(b"DICM")
                 # Boundaries may differ; the object lies before the last one.
                 received.setdefault(uid, set()).add(body[start : body.rindex(b"\r\n--")])
-                time.sleep(seconds)
+                time.sleep(node.seconds)
                 item = {"00081155": {"vr": "UI", "Value": [uid]}}
                 report = json.dumps({"00081199": {"vr": "SQ", "Value": [item]}}).encode()
                 try:
@@ -276,6 +277,8 @@ def main():
 
         for _ in range(kills):
             in_the_middle(server, chance, request, 2.5)
+        # It was slow so that a kill comes in the middle of a result.
+        node.seconds = 0
         waiting, end = dict(results), time.monotonic() + 600
         while waiting and time.monotonic() < end:
             states = {address: (server.json(address) or {}).get("state") for address in waiting}

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use crate::corrections::corrected_head;
 use crate::findings::mark;
 use crate::orthanc::free_port;
-use crate::pacs::{Neighbour, dcmtk, dimse, run};
+use crate::pacs::{NO_DELAY, Neighbour, dcmtk, dimse, run};
 use crate::results::{identified_head, python_with, result, until_sent};
 use crate::storage_nodes::{add_storage_node, every_kind, to_node};
 use crate::until::until;
@@ -49,7 +49,7 @@ fn dcmqrscp(folder: &Path, port: u16, us: SocketAddr) -> Option<Command> {
     let file = folder.join("dcmqrscp.cfg");
     std::fs::write(&file, settings).unwrap();
     let mut command = Command::new(program);
-    command.arg("-c").arg(file);
+    command.env(NO_DELAY.0, NO_DELAY.1).arg("-c").arg(file);
     Some(command)
 }
 
@@ -128,8 +128,9 @@ impl Archive {
     }
 }
 
-/// The arrival of the images, once it is a case other than one.
+/// The arrival of the images, all of which came, once it is a case other than one.
 async fn case_other_than(neighbour: &Neighbour, before: &Value) -> Value {
+    neighbour.all_has_come();
     until("another case comes", async || {
         let list = neighbour.server.get("/v1/arrivals?state=case").await;
         match &list.json()["arrivals"].as_array().unwrap()[..] {

@@ -1,6 +1,6 @@
 //! The map of a FLAIR: from the upload of the layer to the list, the picture and the report, and away with the layer.
 
-use analysis::testing::brain::{self, BrainPhantom, SimulatedLayer};
+use analysis::testing::brain::{BrainPhantom, SimulatedLayer};
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode, header};
 use cases::pictures::GpuUse;
@@ -9,7 +9,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use serde_json::{Value, json};
 
 use crate::dicom::reader;
-use crate::maps::{settled, until_maps};
+use crate::maps::{settled, until_maps, whole_head};
 use crate::series_builder::{Slice, Syntax, files};
 use crate::server::{Answer, Part, Server, form, form_type};
 use crate::until::until;
@@ -24,9 +24,7 @@ async fn ready() -> (Server, String) {
         config.dicom_program = reader();
     })
     .await;
-    let (phantom, grid) = (BrainPhantom::PLAIN, brain::grid());
-    let volume = imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap();
-    let mask = imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap();
+    let [volume, mask] = whole_head();
     let case = server
         .prepared(&[("volume", &volume), ("mask", &mask)])
         .await;

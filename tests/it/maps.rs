@@ -515,11 +515,11 @@ async fn a_head_of_coarse_voxels_has_no_limit_of_thickness_and_says_so_everywher
 }
 
 /// A head with a cerebellum below a tentorium, a brain stem and nuclei, as files: volume and mask.
-fn whole_head() -> [Vec<u8>; 2] {
-    let (phantom, grid) = (BrainPhantom::PLAIN, brain::grid());
+pub(crate) fn whole_head() -> [Vec<u8>; 2] {
+    let (volume, mask) = BrainPhantom::PLAIN.head(&brain::grid());
     [
-        imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap(),
-        imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap(),
+        imaging::nifti::write_volume(&volume).unwrap(),
+        imaging::nifti::write_mask(&mask).unwrap(),
     ]
 }
 

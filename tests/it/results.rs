@@ -642,6 +642,19 @@ pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
 }
 
 /// What becomes of a result that is sent.
+/// When a result is sent again after the first failure.
+pub(crate) const RETRY_AFTER: Duration = Duration::from_secs(5);
+
+/// The state of a result after the first attempt to send it.
+pub(crate) async fn until_tried(server: &Server, accepted: &Answer) -> Value {
+    until("the result is tried", async || {
+        let state = server.get(accepted.header("location")).await.json();
+        let was_tried = state["attempts"].as_u64() >= Some(1) && state["state"] != "running";
+        was_tried.then_some(state)
+    })
+    .await
+}
+
 pub(crate) async fn until_sent(server: &Server, accepted: &Answer) -> Value {
     assert_eq!(accepted.status, 202, "{accepted:?}");
     until("the result is sent", async || {
@@ -667,6 +680,9 @@ async fn a_result_is_sent_until_the_node_has_it_and_a_refusal_is_told() {
     let queued = accepted.json();
     assert_eq!(queued["state"], "queued");
     let background = pacs::start_transfers(neighbour.server.pacs.clone());
+    let tried = until_tried(&neighbour.server, &accepted).await;
+    assert_eq!(tried["state"], "queued", "{tried}");
+    neighbour.server.state.cases.store().pass_time(RETRY_AFTER);
     let sent = until_sent(&neighbour.server, &accepted).await;
     assert_eq!(
         (&sent["state"], &sent["attempts"]),
@@ -685,12 +701,7 @@ async fn a_result_is_sent_until_the_node_has_it_and_a_refusal_is_told() {
 
     // A node that is away is asked again later, also after a restart.
     let accepted = result(&neighbour.server, &case, &body("away")).await;
-    until("the node was asked in vain", async || {
-        let state = neighbour.server.get(accepted.header("location")).await;
-        let state = state.json();
-        (state["attempts"] == 1 && state["state"] == "queued").then_some(())
-    })
-    .await;
+    until_tried(&neighbour.server, &accepted).await;
     background.shut_down(Duration::from_secs(5)).await;
     let state = neighbour
         .server

@@ -13,8 +13,7 @@ use serde_json::{Value, json};
 use crate::findings::mark;
 use crate::orthanc::free_port;
 use crate::pacs::{Neighbour, dcmtk, dimse, dimse_options};
-use crate::results::{identified_case, result, small, until_sent};
-use crate::server::Server;
+use crate::results::{RETRY_AFTER, identified_case, result, small, until_sent, until_tried};
 use crate::until::until;
 
 /// The data set of a file, without its head.
@@ -102,16 +101,6 @@ impl Storescp {
             .map(|entry| std::fs::read(entry.unwrap().path()).unwrap())
             .collect()
     }
-}
-
-/// The state of a result after its first attempt.
-async fn tried(server: &Server, address: &str) -> Value {
-    until("the result is tried", async || {
-        let state = server.get(address).await.json();
-        let was_tried = state["attempts"].as_u64() >= Some(1) && state["state"] != "running";
-        was_tried.then_some(state)
-    })
-    .await
 }
 
 #[tokio::test]
@@ -229,16 +218,17 @@ async fn a_node_without_resources_is_sent_the_result_again() {
     let _background = pacs::start_transfers(server.pacs.clone());
     let body = every_kind()[0].1.clone();
     let accepted = result(server, &case, &to_node(&body, "full")).await;
-    let state = tried(server, accepted.header("location")).await;
+    let state = until_tried(server, &accepted).await;
     assert_eq!(state["state"], "queued", "{state}");
     std::fs::create_dir(storescp.images()).unwrap();
+    server.state.cases.store().pass_time(RETRY_AFTER);
     let sent = until_sent(server, &accepted).await;
     assert_eq!(sent["state"], "done", "{sent}");
     assert!(sent["attempts"].as_u64() >= Some(2), "{sent}");
     assert_eq!(storescp.files().len(), 1);
     // Nobody listens there.
     let accepted = result(server, &case, &to_node(&body, "away")).await;
-    let state = tried(server, accepted.header("location")).await;
+    let state = until_tried(server, &accepted).await;
     assert_eq!(state["state"], "queued", "{state}");
 }
 
@@ -283,7 +273,7 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
         assert!(told.contains(detail), "{told}");
     }
     let accepted = result(server, &case, &to_node(&body, "aborting")).await;
-    let state = tried(server, accepted.header("location")).await;
+    let state = until_tried(server, &accepted).await;
     assert_eq!(state["state"], "queued", "{state}");
 
     let stranger = Neighbour::start(|config| {

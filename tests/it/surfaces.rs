@@ -23,17 +23,17 @@ pub(crate) const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
 pub(crate) fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
     let phantom = BrainPhantom::PLAIN;
     let grid = brain::grid();
-    let scan = phantom.scan(&grid);
+    let (volume, mask) = phantom.head(&grid);
     let own_from_voxel = phantom.placed.inverse() * grid.patient_from_voxel();
     let ball = |index: usize| {
         let voxel = grid.voxel(index).map(|along| along as f64);
         own_from_voxel.transform_point3(voxel.into()).distance(BALL) < BALL_MM
     };
-    let voxels = scan.volume.voxels().iter().enumerate();
+    let voxels = volume.voxels().iter().enumerate();
     let mut voxels: Vec<u16> = voxels
         .map(|(index, &voxel)| if ball(index) { BALL_INTENSITY } else { voxel })
         .collect();
-    let mut mask = phantom.mask(&grid).voxels().to_vec();
+    let mut mask = mask.voxels().to_vec();
     if is_mirrored {
         for row in voxels.chunks_exact_mut(grid.size()[0]) {
             row.reverse();

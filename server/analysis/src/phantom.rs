@@ -1,5 +1,7 @@
 //! A head whose junction has a known width everywhere.
 
+use std::sync::LazyLock;
+
 use geometry::{BrainMask, DepthField, Grid, Mask, Rescale, Volume, distance_map, envelope};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
@@ -16,7 +18,8 @@ pub const JUNCTION_MM: f64 = 11.0;
 pub const WIDTH_MM: f64 = 1.3;
 /// Centre of the lesion: on the junction of the left side, in the head's own coordinates.
 pub fn lesion() -> DVec3 {
-    on_junction(DVec3::new(0.72, -0.35, 0.6))
+    static LESION: LazyLock<DVec3> = LazyLock::new(|| on_junction(DVec3::new(0.72, -0.35, 0.6)));
+    *LESION
 }
 /// Radius of the lesion, and the width of its junction.
 const LESION_MM: f64 = 8.0;
@@ -24,6 +27,9 @@ const LESION_WIDTH_MM: f64 = 2.6;
 
 /// The integral of the normal density.
 pub fn rise(place: f64) -> f64 {
+    if place.abs() > 9.0 {
+        return f64::from(place > 0.0);
+    }
     // Abramowitz and Stegun, 7.1.26.
     let x = place.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * x);
@@ -101,7 +107,8 @@ impl Phantom {
     /// The width of the junction at a position of the head, in mm.
     fn width_mm(&self, place: DVec3) -> f64 {
         let wave =
-            (place.x / 6.5 + 0.7).sin() + (place.y / 7.5).sin() + (place.z / 7.0 + 1.9).cos();
+            || (place.x / 6.5 + 0.7).sin() + (place.y / 7.5).sin() + (place.z / 7.0 + 1.9).cos();
+        let wave = if self.liveliness > 0.0 { wave() } else { 0.0 };
         let width = WIDTH_MM * (1.0 + self.liveliness * wave / 3.0);
         let into_lesion = 1.0 - (place.distance(lesion()) - LESION_MM) / 2.0;
         let share = if self.has_lesion {
@@ -112,8 +119,7 @@ impl Phantom {
         width + (LESION_WIDTH_MM - width).max(0.0) * share
     }
 
-    fn intensity(&self, place: DVec3) -> f64 {
-        let below = below_outline(place);
+    fn intensity(&self, place: DVec3, below: f64) -> f64 {
         let white = rise((below - JUNCTION_MM) / self.width_mm(place));
         let tissue = rise((below - FLUID_MM) / 0.8);
         // Fluid is as far below grey matter as white matter is above it, twice over.
@@ -126,12 +132,15 @@ impl Phantom {
             let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
             head_from_voxel.transform_point3(voxel)
         };
+        let count = grid.voxel_count();
+        let below: Vec<f64> = (0..count)
+            .map(|index| below_outline(place(index)))
+            .collect();
         let value = |index: usize| {
-            let place = place(index);
-            if below_outline(place) < -4.0 {
+            if below[index] < -4.0 {
                 return 0;
             }
-            (self.intensity(place) + self.noise * white_noise(index))
+            (self.intensity(place(index), below[index]) + self.noise * white_noise(index))
                 .round()
                 .max(0.0) as u16
         };
@@ -139,12 +148,9 @@ impl Phantom {
             slope: 0.5,
             intercept: 10.0,
         };
-        let count = grid.voxel_count();
         let volume = Volume::new(grid.clone(), (0..count).map(value).collect(), rescale).unwrap();
-        let voxels = (0..count)
-            .map(|index| below_outline(place(index)) > 0.0)
-            .collect();
-        let mask = Mask::new(grid.clone(), voxels).unwrap();
+        let is_brain = below.iter().map(|below| *below > 0.0).collect();
+        let mask = Mask::new(grid.clone(), is_brain).unwrap();
         Scan::new(volume, &mask)
     }
 }

@@ -352,8 +352,9 @@ pub(super) mod tests {
     fn a_hemisphere_is_closed_on_its_side_and_its_border_is_a_fence_where_the_sheet_cuts_tissue() {
         let phantom = BrainPhantom::PLAIN;
         let (scan, division) = divided(&phantom);
+        let mask = phantom.mask(&grid());
         for (part, sign) in [(SurfacePart::Left, 1.0), (SurfacePart::Right, -1.0)] {
-            let envelope = closed(&phantom.mask(&grid()), &scan, &division, part);
+            let envelope = closed(&mask, &scan, &division, part);
             let grid = envelope.grid();
             let place = |index: usize| {
                 let voxel = grid.voxel(index).map(|along| along as f64);
@@ -513,7 +514,7 @@ pub(super) mod tests {
 
     /// How much of each half of a phantom lies in the surface of that half and in that of the other one; `None` with a reason for
     /// no surfaces.
-    fn shares(phantom: &BrainPhantom, scan: &Scan, mask: &Mask) -> Option<[[f64; 2]; 2]> {
+    fn shares(phantom: &BrainPhantom, (scan, mask): (Scan, Mask)) -> Option<[[f64; 2]; 2]> {
         let division = match Division::new(scan.head(), None) {
             Ok(division) => division,
             Err(reason) => {
@@ -522,8 +523,9 @@ pub(super) mod tests {
                 return None;
             }
         };
-        let surfaces =
-            [SurfacePart::Left, SurfacePart::Right].map(|part| closed(mask, scan, &division, part));
+        let surfaces = [SurfacePart::Left, SurfacePart::Right]
+            .map(|part| closed(&mask, &scan, &division, part));
+        let own_from_patient = phantom.placed.inverse();
         let halves = [Region::LeftCerebrum, Region::RightCerebrum];
         Some(halves.map(|half| {
             let mut counts = [0u32; 3];
@@ -533,7 +535,7 @@ pub(super) mod tests {
                     .grid()
                     .patient_from_voxel()
                     .transform_point3(voxel.into());
-                let own = phantom.placed.inverse().transform_point3(place);
+                let own = own_from_patient.transform_point3(place);
                 if phantom.at(own).is_none_or(|(region, _)| region != half) {
                     continue;
                 }
@@ -569,7 +571,7 @@ pub(super) mod tests {
             mass(38.0),
             mass(8.0),
         ] {
-            let found = shares(&phantom, &phantom.scan(&grid()), &phantom.mask(&grid()));
+            let found = shares(&phantom, phantom.scan_and_mask(&grid()));
             println!("{found:.3?}");
             if let Some([[left, left_in_right], [right_in_left, right]]) = found {
                 assert!(left > 0.97 && right > 0.97, "{left} {right}");
@@ -595,18 +597,13 @@ pub(super) mod tests {
             }
             found.is_some()
         };
-        assert!(check(shares(
-            &turned,
-            &turned.scan(&around),
-            &turned.mask(&around)
-        )));
+        assert!(check(shares(&turned, turned.scan_and_mask(&around))));
         let size = grid().size();
         for lost in [8, 40] {
             let cut = grid()
                 .block([0; 3], [size[0], size[1], size[2] - lost])
                 .unwrap();
-            let scan = cut_scan(&plain, &cut);
-            assert!(check(shares(&plain, &scan, &plain.mask(&cut))) || lost > 8);
+            assert!(check(shares(&plain, cut_scan(&plain, &cut))) || lost > 8);
         }
 
         let placed = DVec3::from_array([0, 1, 2].map(|axis| {
@@ -618,13 +615,14 @@ pub(super) mod tests {
         let none = Division::new(plain.scan(&thick).head(), None).unwrap_err();
         assert_eq!(none.code(), "coarse-voxels");
 
-        let mut one_side = plain.mask(&grid()).voxels().to_vec();
+        let (volume, mask) = plain.head(&grid());
+        let mut one_side = mask.voxels().to_vec();
         for (index, is_brain) in one_side.iter_mut().enumerate() {
             let voxel = grid().voxel(index).map(|along| along as f64);
             *is_brain &= grid().patient_from_voxel().transform_point3(voxel.into()).x > 0.0;
         }
         let one_side = Mask::new(grid(), one_side).unwrap();
-        let scan = Scan::new(plain.scan(&grid()).volume, &one_side);
+        let scan = Scan::new(volume, &one_side);
         assert!(matches!(
             Division::new(scan.head(), None),
             Err(NoDivision::Doubt(_))

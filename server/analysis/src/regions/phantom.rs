@@ -26,6 +26,10 @@ const CISTERN_MM: f64 = 5.0;
 /// The gap between cerebrum and cerebellum.
 const TENTORIUM_MM: f64 = 2.0;
 const CORTEX_MM: f64 = 3.0;
+/// Farther than this inside the cerebrum, the nearest sulcus changes nothing.
+const SULCI_TO_MM: f64 = 20.0;
+/// The stem is nowhere thicker.
+const STEM_RADIUS_MM: f64 = 18.0;
 /// The middle of the left peduncle of the cerebellum, and its radius.
 const PEDUNCLE_MM: DVec3 = DVec3::new(14.0, -27.0, -38.0);
 const PEDUNCLE_RADIUS_MM: f64 = 8.0;
@@ -106,12 +110,30 @@ fn inside(place: DVec3, centre: DVec3, half_axes: DVec3) -> f64 {
     (1.0 - radius) * radius / (scaled / half_axes).length().max(1e-9)
 }
 
+/// How much of a place belongs to an ellipsoid with a border about `blur_mm` wide.
+fn share_of(place: DVec3, centre: DVec3, half_axes: DVec3, blur_mm: f64) -> f64 {
+    if ((place - centre) / half_axes).length_squared() > 4.0 {
+        return 0.0;
+    }
+    rise(inside(place, centre, half_axes) / blur_mm)
+}
+
+/// Whether a place may lie in the brain; most of a volume does not.
+fn may_be_brain(place: DVec3, side: DVec3) -> bool {
+    let is_in =
+        |centre: DVec3, half_axes: DVec3| ((place - centre) / half_axes).length_squared() < 1.0;
+    is_in(CEREBRUM_MM, CEREBRUM_HALF_AXES_MM)
+        || is_in(CEREBELLUM_MM, CEREBELLUM_HALF_AXES_MM)
+        || side.distance(PEDUNCLE_MM) < PEDUNCLE_RADIUS_MM
+        || side.x < STEM_RADIUS_MM && place.z < STEM_FROM.y + STEM_RADIUS_MM
+}
+
 /// How far a place lies inside the stem, in mm, and where along its axis.
 fn in_stem(place: DVec3) -> (f64, f64) {
     let downwards = (STEM_TO - STEM_FROM).normalize();
     let from = DVec2::new(place.y, place.z) - STEM_FROM;
     let along = from.dot(downwards);
-    let from_axis = (from - downwards * along).length().hypot(place.x);
+    let from_axis = (from - downwards * along).extend(place.x).length();
     let from_neck = ((along - NECK_MM) / 8.0).powi(2).min(1.0);
     let bulge = 5.0 * (-((along - PONS_MM) / 8.0).powi(2)).exp();
     let radius = 11.0 + 2.0 * from_neck + bulge - 4.0 * ((along - PONS_MM) / 12.0).clamp(0.0, 1.0);
@@ -126,10 +148,18 @@ fn from_fold(place: DVec3, apart_mm: f64) -> f64 {
     wave.abs() * apart_mm / 4.0
 }
 
+/// As `hypot`, which takes several times as long to be right in the last bit.
+fn length(x: f64, y: f64) -> f64 {
+    DVec2::new(x, y).length()
+}
+
 impl BrainPhantom {
     /// The part of a place, by its axes, and the tissue scale there; `None` outside the brain.
     pub fn at(&self, place: DVec3) -> Option<(Region, f64)> {
         let side = DVec3::new(place.x.abs(), place.y, place.z);
+        if !may_be_brain(place, side) {
+            return None;
+        }
         let (stem, along) = in_stem(place);
         let cerebellum = inside(place, CEREBELLUM_MM, CEREBELLUM_HALF_AXES_MM);
         let base = place.z - BASE_MM + 1.3 * (side.x - BASE_TO_MM).max(0.0);
@@ -156,14 +186,18 @@ impl BrainPhantom {
             };
             (region, stem + CORTEX_MM)
         } else if cerebellum > 0.0 || peduncle > 0.0 {
-            let folia = from_fold(place, 7.0).hypot((cerebellum - 9.0).max(0.0)) + 1.5;
+            let folia = length(from_fold(place, 7.0), (cerebellum - 9.0).max(0.0)) + 1.5;
             (
                 Region::Cerebellum,
                 cerebellum.min(folia).max(peduncle + CORTEX_MM),
             )
         } else if own > 0.0 && (self.has_right_half || place.x > 0.0) {
-            let sulci = from_fold(place, 14.0).hypot((own - 11.0).max(0.0)) - 0.3;
-            let fissure = side.x.hypot((own - self.fissure_mm).max(0.0)) - 0.8;
+            let sulci = if own > SULCI_TO_MM {
+                own
+            } else {
+                length(from_fold(place, 14.0), (own - 11.0).max(0.0)) - 0.3
+            };
+            let fissure = length(side.x, (own - self.fissure_mm).max(0.0)) - 0.8;
             (cerebrum, own.min(sulci).min(fissure))
         } else {
             return None;
@@ -171,20 +205,12 @@ impl BrainPhantom {
         let white = rise((below_surface - CORTEX_MM) / 0.6);
         let grey = rise(below_surface / 0.5);
         let nuclei = [
-            inside(
-                side,
-                DVec3::new(11.0, -2.0, 0.0),
-                DVec3::new(8.0, 11.0, 8.0),
-            ),
-            inside(
-                side,
-                DVec3::new(26.0, 14.0, 2.0),
-                DVec3::new(6.0, 15.0, 11.0),
-            ),
-        ];
-        let nucleus = rise(nuclei[0].max(nuclei[1]) / 0.6);
-        let ventricle = inside(side, DVec3::new(12.0, 0.0, 14.0), self.ventricles_mm);
-        let fluid = rise(ventricle / 0.5);
+            (DVec3::new(11.0, -2.0, 0.0), DVec3::new(8.0, 11.0, 8.0)),
+            (DVec3::new(26.0, 14.0, 2.0), DVec3::new(6.0, 15.0, 11.0)),
+        ]
+        .map(|(centre, half_axes)| share_of(side, centre, half_axes, 0.6));
+        let nucleus = nuclei[0].max(nuclei[1]);
+        let fluid = share_of(side, DVec3::new(12.0, 0.0, 14.0), self.ventricles_mm, 0.5);
         let tissue = -1.6 * (1.0 - grey) + white * grey * (1.0 - 0.35 * nucleus);
         let mut value = tissue * (1.0 - fluid) - 1.6 * fluid;
         if let Some((centre, radius)) = self.mass {
@@ -195,6 +221,16 @@ impl BrainPhantom {
     }
 
     pub fn scan(&self, grid: &Grid) -> Scan {
+        self.scan_and_mask(grid).0
+    }
+
+    pub fn scan_and_mask(&self, grid: &Grid) -> (Scan, Mask) {
+        let (volume, mask) = self.head(grid);
+        (Scan::new(volume, &mask), mask)
+    }
+
+    /// The intensities, and the voxels of the brain.
+    pub fn head(&self, grid: &Grid) -> (Volume, Mask) {
         let tissues = self.tissues(grid);
         let value = |(index, tissue): (usize, &Option<f64>)| {
             let value = tissue.unwrap_or(-1.8) + self.noise * white_noise(index);
@@ -209,7 +245,7 @@ impl BrainPhantom {
             },
         )
         .unwrap();
-        Scan::new(volume, &brain(grid, &tissues))
+        (volume, brain(grid, &tissues))
     }
 
     /// The tissue scale of each voxel; `None` outside the brain.

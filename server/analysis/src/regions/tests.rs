@@ -159,9 +159,8 @@ fn placed(volume: &Volume, mask: &Mask, moved: DAffine3) -> Scan {
 
 #[test]
 fn the_parts_turn_and_mirror_with_the_voxels() {
-    let scan = BrainPhantom::PLAIN.scan(&grid());
-    let mask = BrainPhantom::PLAIN.mask(&grid());
-    let kept = check_moved(&scan.volume, &mask);
+    let (volume, mask) = BrainPhantom::PLAIN.head(&grid());
+    let kept = check_moved(&volume, &mask);
     assert!(kept.iter().all(|kept| kept.all >= 0.999), "{kept:?}");
 }
 
@@ -323,7 +322,7 @@ fn a_volume_that_ends_within_the_cerebellum_is_doubted() {
         let cut = whole
             .block([0, 0, lost], [size[0], size[1], size[2] - lost as usize])
             .unwrap();
-        let scan = cut_scan(&BrainPhantom::PLAIN, &cut);
+        let (scan, _) = cut_scan(&BrainPhantom::PLAIN, &cut);
         let found = of(&scan);
         println!("{lost}: {:.3?} {:?}", found.numbers, found.doubts);
         assert!(
@@ -371,12 +370,12 @@ fn thick_slices_are_doubted_and_have_no_maps() {
 }
 
 /// The envelope of a volume that ends within the brain is closed at the cut, as the pipeline does it.
-pub(super) fn cut_scan(phantom: &BrainPhantom, cut: &Grid) -> Scan {
-    let mut scan = phantom.scan(cut);
-    let brain = BrainMask::from_mask(&phantom.mask(cut), cut).unwrap();
+pub(super) fn cut_scan(phantom: &BrainPhantom, cut: &Grid) -> (Scan, Mask) {
+    let (mut scan, mask) = phantom.scan_and_mask(cut);
+    let brain = BrainMask::from_mask(&mask, cut).unwrap();
     let envelope = cut_envelope(&brain, 10.0, &brain.cut_by(&scan.volume).cuts).unwrap();
     scan.depth = DepthField::new(&distance_map(&envelope));
-    scan
+    (scan, mask)
 }
 
 #[test]
@@ -386,7 +385,7 @@ fn a_volume_that_is_cut_at_the_vertex_is_divided_right_or_doubted() {
         let cut = grid()
             .block([0; 3], [size[0], size[1], size[2] - lost])
             .unwrap();
-        let scan = cut_scan(&BrainPhantom::PLAIN, &cut);
+        let (scan, _) = cut_scan(&BrainPhantom::PLAIN, &cut);
         let found = of(&scan);
         assert!(is_right_or_doubted(&BrainPhantom::PLAIN, &found), "{lost}");
         // What is still whole is not doubted for a finger's breadth.
@@ -396,22 +395,16 @@ fn a_volume_that_is_cut_at_the_vertex_is_divided_right_or_doubted() {
 
 #[test]
 fn a_mask_of_one_side_on_a_whole_head_is_doubted() {
-    let plain = BrainPhantom::PLAIN;
-    let whole = plain.scan(&grid());
+    let (volume, mask) = BrainPhantom::PLAIN.head(&grid());
     for is_wanted in [|x: f64| x > 0.0, |x: f64| x > -6.0, |x: f64| x < 0.0] {
-        let mut voxels = plain.mask(&grid()).voxels().to_vec();
+        let mut voxels = mask.voxels().to_vec();
         for (index, is_brain) in voxels.iter_mut().enumerate() {
             let voxel = DVec3::from_array(grid().voxel(index).map(|along| along as f64));
             let place = grid().patient_from_voxel().transform_point3(voxel);
             *is_brain &= is_wanted(place.x);
         }
         let mask = Mask::new(grid(), voxels).unwrap();
-        let volume = Volume::new(
-            grid(),
-            whole.volume.voxels().to_vec(),
-            whole.volume.rescale(),
-        );
-        let found = of(&Scan::new(volume.unwrap(), &mask));
+        let found = of(&Scan::new(volume.clone(), &mask));
         println!("{:.3?} {:?}", found.numbers, found.doubts);
         assert!(is_called_half(&found) && nothing_is_taken_off(&found));
     }
