@@ -100,7 +100,7 @@ impl Role {
         match self {
             Self::Viewer => &[Scope::Read],
             Self::Editor => &[Scope::Read, Scope::Write, Scope::Results],
-            Self::Pacs => &[Scope::Read, Scope::DicomStore],
+            Self::Pacs => &[Scope::DicomStore],
             Self::Admin => &Scope::ALL,
         }
     }
@@ -149,7 +149,7 @@ mod tests {
     #[test]
     fn a_viewer_changes_nothing_and_a_pacs_only_stores() {
         assert_eq!(Role::Viewer.scopes(), [Scope::Read]);
-        assert_eq!(Role::Pacs.scopes(), [Scope::Read, Scope::DicomStore]);
+        assert_eq!(Role::Pacs.scopes(), [Scope::DicomStore]);
         assert_eq!(Role::Admin.scopes(), Scope::ALL);
     }
 }

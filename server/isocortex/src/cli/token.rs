@@ -45,7 +45,7 @@ struct NewArgs {
     /// The file of the tokens, which is `http.tokens_file` of the server; it is made if it is missing.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKENS_FILE")]
     file: PathBuf,
-    /// What it may be used for, by a role: viewer (read), editor (read, write, results), pacs (read, dicom-store), admin (all).
+    /// What it may be used for, by a role: viewer (read), editor (read, write, results), pacs (dicom-store), admin (all).
     #[arg(long, value_name = "ROLE", value_parser = role(), required_unless_present = "scopes")]
     role: Option<Role>,
     /// What it may be used for: read, write, dicom-store, dicom-reject, results, metrics, admin.
