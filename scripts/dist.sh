@@ -64,7 +64,7 @@ stage() {
   cp "$program" "$root/bin/isocortex"
   cp "$weights" "$head/ch2.nii.gz" "$root/share/isocortex/"
   # Where they are in the checkout, so that their links lead somewhere.
-  git ls-files -z README.md SECURITY.md CHANGELOG.md ARCHITECTURE.md CONTRIBUTING.md lab/README.md lab/docs server/service/src/wire/README.md scripts/example-layers.py LICENSE-MIT LICENSE-APACHE NOTICE docs docker scripts/debian/isocortex.{toml,service} |
+  git ls-files -z README.md SECURITY.md CHANGELOG.md ARCHITECTURE.md CONTRIBUTING.md lab/README.md lab/docs web/README.md tests/faults/README.md fuzz/README.md server/service/src/wire/README.md scripts/example-layers.py LICENSE-MIT LICENSE-APACHE NOTICE docs docker scripts/debian/isocortex.{toml,service} |
     tar -cf - --null -T - | tar -xf - -C "$doc"
   cp "$head/../../doc/mricron-data/copyright" "$doc/COLIN27"
   # It runs the program, so a package is made on a machine of its own kind.

@@ -34,7 +34,8 @@ fn a_newcomer_gets_five_lines_and_ten_about_the_machine() {
     }
     let found = done(&["doctor", "--data", "/nowhere/cases", "--gpu", "off"]);
     assert_eq!(found.lines().count(), 10, "{found}");
-    let store = "MISSING store      there is none in /nowhere/cases: `isocortex init-store --data";
+    let store =
+        "ok      store      none in /nowhere/cases; before you serve: `isocortex init-store --data";
     assert!(found.contains(store), "{found}");
     let version = format!("isocortex {}", env!("CARGO_PKG_VERSION"));
     assert!(done(&["--version"]).starts_with(&version));

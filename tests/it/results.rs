@@ -641,7 +641,6 @@ pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
     });
 }
 
-/// What becomes of a result that is sent.
 /// When a result is sent again after the first failure.
 pub(crate) const RETRY_AFTER: Duration = Duration::from_secs(5);
 
@@ -655,6 +654,7 @@ pub(crate) async fn until_tried(server: &Server, accepted: &Answer) -> Value {
     .await
 }
 
+/// What becomes of a result that is sent.
 pub(crate) async fn until_sent(server: &Server, accepted: &Answer) -> Value {
     assert_eq!(accepted.status, 202, "{accepted:?}");
     until("the result is sent", async || {

@@ -71,7 +71,7 @@ impl Memory {
 #[derive(Debug, thiserror::Error)]
 pub enum NoNetwork {
     /// The file cannot be read.
-    #[error("the network's weights {} cannot be read: {source}", .path.display())]
+    #[error("the network's weights {} cannot be read: {source}; make the file readable, or name another in ISOCORTEX_NETWORK", .path.display())]
     Unreadable {
         path: PathBuf,
         source: std::io::Error,

@@ -12,7 +12,7 @@ import { readAddress } from "../model/fragment.ts";
 import { commandOf, recallOf } from "../model/keys.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { hasSlices } from "../model/state.ts";
-import { announce, announced } from "../store/announce.ts";
+import { announce, announced, noted } from "../store/announce.ts";
 import { Cases } from "../store/cases.ts";
 import { perform } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
@@ -175,6 +175,7 @@ export class App {
     before?.dispose();
     // What was said of the case before is not of this one.
     announced.value = "";
+    noted.value = { ...noted.peek(), words: "" };
     this.viewer.value = ready && new Viewer(ready, { rest, left: this.#memory.of(ready), serverOnly });
     // Where the list lies over the picture, it has been chosen from.
     if (ready && window.innerWidth < BESIDE_PIXELS) choose({ list: false });
@@ -207,14 +208,16 @@ export class App {
   key(event: KeyboardEvent): void {
     // Dialogs are children of the body: looking through a thousand findings for one would take longer than a frame has.
     const isCovered = [...document.body.children].some((one) => one.matches("dialog[open]"));
-    if (event.defaultPrevented || !(event.target instanceof HTMLElement) || isCovered) return;
+    // Escape closes the box of a tool, and that alone.
+    const isOfBox = event.key === "Escape" && document.querySelector(".menu:popover-open") !== null;
+    if (event.defaultPrevented || !(event.target instanceof HTMLElement) || isCovered || isOfBox) return;
     const onPicture = event.target.closest(".pane.surface") !== null;
     const hasModifier = event.ctrlKey || event.metaKey;
     // Where text is typed, undoing is the text's.
     const typed = "input:not([type=range], [type=checkbox]), textarea";
     const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
     // From what is written in the panel, back to the picture.
-    if (ofField?.closest(".panel, .menu") && event.key === "Escape") document.getElementById("stage")?.focus();
+    if (ofField?.closest(".panel") && event.key === "Escape") document.getElementById("stage")?.focus();
     const isLetter = !hasModifier && event.key !== "Escape";
     if (!onPicture && (ofField || (isLetter && !preferences.peek().shortcuts))) return;
     const command = (this.#awaitsNumber && recallOf(event)) || commandOf(event);

@@ -169,16 +169,7 @@ export function Menu({
       <button type="button" popovertarget={id} ref={opener} {...rest}>
         {button}
       </button>
-      <div
-        id={id}
-        class="menu"
-        popover="auto"
-        onBeforeToggle={({ currentTarget }) => place(currentTarget)}
-        onKeyDown={(event) => {
-          // It closes the box alone.
-          if (event.key === "Escape") event.stopPropagation();
-        }}
-      >
+      <div id={id} class="menu" popover="auto" onBeforeToggle={({ currentTarget }) => place(currentTarget)}>
         {children}
       </div>
     </>

@@ -63,10 +63,10 @@ export function ListSection({ store }: OfStore) {
   const known = rows.all.value.flatMap(({ place }) => place ?? []);
   const out = known.filter(standsOut).length;
   // The list is one stop of the tabulator.
-  const stop = rows.open.value ?? inSight[0];
+  const stop = inSight.find(({ key }) => key === rows.open.value?.key) ?? inSight[0];
   return (
     <Section title="panel.list" data-task="read">
-      {rows.all.value.length > 0 && (
+      {known.length > 0 && (
         <Quiet>
           {t("list.summary", { out: number(out), more: number(known.length - out), kept: number(numbers.size) })}
         </Quiet>
@@ -196,7 +196,7 @@ function Item({ store, row, at, isStop }: OfRow & { readonly at: number | null; 
   const title = titled(t(`side.${side}`));
   // Before the name of a gyrus, the letter leaves room for it.
   const hasLetter = gyrus !== "" && (side === "left" || side === "right");
-  const depth_mm = place ? place.depth_mm : (finding?.depth_mm ?? null);
+  const depth_mm = place?.depth_mm ?? finding?.depth_mm ?? null;
   const depth = depth_mm === null ? "–" : `${number(depth_mm, 1)} mm`;
   const score = place && t(`unusual.${place.unusual ?? "no"}`, { score: number(place.score, 1) });
   const about = [
@@ -208,7 +208,13 @@ function Item({ store, row, at, isStop }: OfRow & { readonly at: number | null; 
   const name = [at === null ? (judgement ? t("findings.dismissed") : "") : number(at), title, depth].filter(Boolean);
   return (
     <li ref={item} data-id={finding?.id} data-judgement={judgement ?? ""} aria-current={isOpen}>
-      <Button class="row-button" aria-keyshortcuts=", ." tabIndex={isStop ? 0 : -1} onClick={() => goToRow(store, row)}>
+      <Button
+        class="row-button"
+        aria-expanded={isOpen}
+        aria-keyshortcuts=", . Shift+U Shift+J"
+        tabIndex={isStop ? 0 : -1}
+        onClick={() => goToRow(store, row)}
+      >
         <span
           class={place && places.isSeen(place) ? "dot filled" : "dot"}
           role="img"
@@ -261,8 +267,11 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
             words={(one) => t(one === "kept" ? "places.keep" : "places.dismiss")}
             about={(one) => ({ title: keyOf((command) => command.kind === "judge" && command.judgement === one) })}
             onChoose={(one) => {
-              if (list && place) findings.judge(place, judgement === one ? null : one, list.map);
-              else if (finding) findings.rule(finding, judgement === "dismissed" ? "kept" : one);
+              if (!finding) return list && place && findings.judge(place, one, list.map);
+              // A dismissal is taken back by its button; what was written goes with the bin alone.
+              const isBlank = place && !finding.label && !finding.note && !finding.certainty;
+              if (isBlank && one === "dismissed" && judgement === one) findings.remove(finding.id);
+              else findings.rule(finding, !place && judgement === "dismissed" ? "kept" : one);
             }}
           />
           {finding && (

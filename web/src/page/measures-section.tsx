@@ -9,7 +9,7 @@ import { type Measured, columnWords, wordsOf } from "../store/measures.ts";
 import { Button, Buttons, IconButton, Line, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 
 /** What can be measured, and by which keys. */
-export function RulerControls({ store: { measures, looks } }: OfStore) {
+export function RulerControls({ store: { measures, looks, task } }: OfStore) {
   const tool = measures.tool.value;
   return (
     <>
@@ -22,7 +22,10 @@ export function RulerControls({ store: { measures, looks } }: OfStore) {
         onChoose={(one) => {
           measures.choose(one === tool ? null : one);
           document.getElementById("menu-ruler")?.hidePopover();
-          if (measures.isOn) looks.value += 1;
+          if (!measures.isOn) return;
+          // What to do next, and what comes of it, stands there.
+          task.value = "read";
+          looks.value += 1;
         }}
       />
       <Quiet>{measures.hint.value}</Quiet>

@@ -244,7 +244,7 @@ export class Viewer {
   /** Puts a new pane into its place. */
   #join<Pane extends Closer | MapPane>(pane: Pane, place: string): Pane {
     pane.mark(this.store.marked.peek());
-    if (pane instanceof Closer) pane.outline(this.store.outlined.peek().closer);
+    if (pane instanceof Closer) pane.outline(this.store.outlined.peek().closer && !this.store.isBare.peek());
     this.#panes.querySelector(place)?.replaceWith(pane.element);
     this.#observer.observe(pane.element);
     return pane;

@@ -66,11 +66,13 @@ function evidenceOf({ layers, places, caseLayers, findings, view }: Store): Chan
 }
 
 /** Brings what a row of the list is about to the viewer, and unfolds it. */
-export function goToRow(store: Store, { place, finding }: Row): void {
-  if (finding) store.findings.unfold(finding);
-  else store.findings.open.value = null;
+export function goToRow(store: Store, { key, place, finding }: Row): void {
+  store.rows.reached.value = key;
   if (place) bring(store, place.position_in_patient, place.depth_mm);
   else if (finding) bring(store, middleOf(finding), finding.depth_mm);
+  // The mark unfolds what is there; of several, this is the row that was gone to.
+  if (finding) store.findings.unfold(finding);
+  else store.findings.open.value = null;
 }
 
 /** More is known of the surface: a place that waits for a half is brought to its depth there, and no depth is below its deepest. */

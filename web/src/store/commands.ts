@@ -49,18 +49,20 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   },
   row: async (store, { steps }) => {
     const row = await store.rows.next(steps);
+    if (store.isOver) return;
     if (typeof row === "string") note(row);
     else goToRow(store, row);
   },
   judge: (store, { judgement }) => {
     if (!mayWrite.peek()) return note(t("findings.read-only"));
     store.task.value = "read";
-    const { places, findings, view } = store;
+    const { rows, findings, view } = store;
     const { crosshair_mm: mark } = view.now;
-    const list = places.lists.find(({ open }) => open.peek());
-    const place = list?.open.peek();
-    const finding = mark && findingAt(findings.list.peek(), mark);
-    if (list && place) findings.judge(place, judgement, list.map);
+    const open = rows.open.peek()?.finding;
+    const isHere = mark && open && findingAt([open], mark);
+    const { list, place, finding: known } = (isHere ? rows.open.peek() : rows.marked.peek()) ?? {};
+    const finding = known ?? (mark && findingAt(findings.list.peek(), mark));
+    if (list && place && !known) findings.judge(place, judgement, list.map);
     else if (finding) findings.rule(finding, judgement);
     else if (judgement === "kept") findings.add();
     else note(t("findings.none-here"));
@@ -128,10 +130,11 @@ export function perform(store: Store, command: Command): void {
 }
 
 /** Says how many places of a map stand out, and on which side: the picture may show the other one. */
-async function notePlaces({ places }: Store, name: MapName): Promise<void> {
+async function notePlaces(store: Store, name: MapName): Promise<void> {
+  const { places } = store;
   const list = places.lists.find(({ map }) => map === name);
   const found = list && (await places.standingOut(list).catch(() => null));
-  if (!found) return;
+  if (!found || store.isOver) return;
   const count = (side: "left" | "right" | "middle"): string =>
     number(found.filter((place) => place.side === side).length);
   note(t("map.stand-out", { left: count("left"), right: count("right"), middle: count("middle") }));

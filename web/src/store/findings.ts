@@ -11,7 +11,6 @@ import {
   type NewFinding,
   areSame,
   findingAt,
-  findingOfPlace,
   isOff,
   markedFindings,
   merged,
@@ -257,15 +256,8 @@ export class Findings {
     this.hidden.value = hidden;
   }
 
-  /** Adds a place of a list, or says whether it is dismissed; `null`: it is no finding any more. */
-  judge(
-    { position_in_patient, depth_mm: known_mm }: Candidate,
-    judgement: Judgement | null,
-    from_map: ListingMap,
-  ): void {
-    const before = findingOfPlace(this.#list, position_in_patient);
-    if (judgement === null) return before && this.remove(before.id);
-    if (before) return this.rule(before, judgement);
+  /** Makes a place of a list a finding, which is kept or dismissed. */
+  judge({ position_in_patient, depth_mm: known_mm }: Candidate, judgement: Judgement, from_map: ListingMap): void {
     const depth_mm = known_mm ?? this.#depthOf(position_in_patient);
     const is_dismissed = judgement === "dismissed";
     const made = newFinding({ points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed });

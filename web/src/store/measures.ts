@@ -157,6 +157,8 @@ export class Measures {
   readonly #key = (event: KeyboardEvent): void => {
     if (event.target instanceof Element && event.target.closest("input:not([type=range]), textarea, select, dialog"))
       return;
+    // Escape closes the box of a tool first.
+    if (document.querySelector(".menu:popover-open")) return;
     const isBegun = this.#points.peek().length > 0;
     if (event.key === "Escape") this.choose(isBegun ? this.tool.peek() : null);
     else if (event.key === "Backspace" && isBegun) this.takeBack();

@@ -42,6 +42,9 @@ export interface Preferences {
 
 const KEY = "isocortex";
 
+/** Sections that were two until they became the one list. */
+const renamed = (one: string): string => (/^panel\.(maps|findings)$/.test(one) ? "panel.list" : one);
+
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
   let stored: Partial<Record<keyof Preferences, unknown>> = {};
@@ -62,7 +65,9 @@ export function readPreferences(text: string | null, preferred: readonly string[
     list: stored.list === true,
     panel: stored.panel !== false,
     task: TASKS.find((one) => one === stored.task) ?? "read",
-    unfolded: Array.isArray(stored.unfolded) ? stored.unfolded.filter((one) => typeof one === "string") : UNFOLDED,
+    unfolded: Array.isArray(stored.unfolded)
+      ? stored.unfolded.filter((one) => typeof one === "string").map(renamed)
+      : UNFOLDED,
     reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
   };
 }

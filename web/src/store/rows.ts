@@ -30,6 +30,10 @@ export class Rows {
   readonly open: ReadonlySignal<Row | null>;
   /** The row that keys have gone to. */
   readonly reached = signal("");
+  /** The row of the place at the mark; the one that was gone to, where several maps list it. */
+  readonly marked: ReadonlySignal<Row | null>;
+  /** The finding of each place, by the key of its row. */
+  readonly #taken = new Map<string, string>();
   readonly #places: Places;
   readonly #end: () => void;
 
@@ -38,12 +42,20 @@ export class Rows {
     this.all = computed(() => {
       const found = new Set<Finding>();
       const ofPlaces = places.lists.flatMap((list) =>
-        list.candidates.flatMap((place): readonly Row[] => {
-          const finding = findingOfPlace(findings.list.value, place.position_in_patient) ?? null;
-          // Two maps may list one place.
-          if (finding && found.has(finding)) return [];
-          if (finding) found.add(finding);
-          return [{ key: `${list.map} ${nameOf(place.position_in_patient)}`, list, place, finding }];
+        list.candidates.map((place): Row => {
+          const key = `${list.map} ${nameOf(place.position_in_patient)}`;
+          const ofMap = findings.list.value.filter(({ from_map }) => from_map === list.map);
+          // A place that another reader keeps too stays the row of the finding that it has here.
+          const known = ofMap.filter((one) => findings.sync.keyOf(one) === this.#taken.get(key));
+          const finding =
+            findingOfPlace(known, place.position_in_patient) ??
+            findingOfPlace(ofMap, place.position_in_patient) ??
+            null;
+          if (finding) {
+            found.add(finding);
+            this.#taken.set(key, findings.sync.keyOf(finding));
+          }
+          return { key, list, place, finding };
         }),
       );
       const others = findings.list.value.filter((one) => !found.has(one));
@@ -52,20 +64,21 @@ export class Rows {
         ...ofPlaces,
       ];
     });
-    const marked = computed(
-      () => this.all.value.find(({ list, place }) => place && list?.open.value === place) ?? null,
-    );
+    this.marked = computed(() => {
+      const here = this.all.value.filter(({ list, place }) => place && list?.open.value === place);
+      return here.find(({ key }) => key === this.reached.value) ?? here[0] ?? null;
+    });
     this.open = computed(
       () =>
         this.all.value.find(({ finding }) => finding && findings.sync.keyOf(finding) === findings.open.value) ??
-        marked.value,
+        this.marked.value,
     );
     // Where the mark comes to a place, that one is in sight, and unfolded.
-    const key = computed(() => (marked.value?.finding ? "" : (marked.value?.key ?? "")));
+    const key = computed(() => (this.marked.value?.finding ? "" : (this.marked.value?.key ?? "")));
     this.#end = effect(() => {
       if (!key.value) return;
       findings.open.value = null;
-      const { list, place } = marked.peek() ?? {};
+      const { list, place } = this.marked.peek() ?? {};
       if (list && place && !standsOut(place)) list.isUnfolded.value = true;
     });
   }

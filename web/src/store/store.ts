@@ -56,6 +56,8 @@ export class Store {
   readonly nodes = signal<readonly string[]>([]);
   /** Why only the whole brain has a surface; empty: its parts have, too. */
   readonly refusal = signal("");
+  /** Whether its case has been left: what was asked for then says and shows nothing any more. */
+  isOver = false;
   /** Whose sections the panel shows. */
   readonly task = signal<Task>(preferences.peek().task);
   /** Whether a hand rests on a pane: pictures in between may be coarse. */
@@ -122,6 +124,7 @@ export class Store {
   }
 
   dispose(): void {
+    this.isOver = true;
     this.#end();
     this.sweep.stop();
     this.caseLayers.dispose();
@@ -213,7 +216,9 @@ export class Store {
     const { findings, view } = this;
     const { done_ms } = findings;
     const isOfFindings =
-      which === "undo" ? done_ms !== null && done_ms >= (view.done_ms ?? 0) : this.#undone.at(-1) === "findings";
+      which === "undo"
+        ? done_ms !== null && done_ms >= (view.done_ms ?? 0)
+        : this.#undone.at(-1) === "findings" || !view.canRedo.peek();
     const canGo = which === "undo" ? findings.canUndo.peek() : findings.canRedo.peek();
     if (isOfFindings && canGo) findings[which]();
     else {

@@ -133,7 +133,11 @@ pub struct PictureRequest {
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 20, default = 0))]
     pub slab_mm: f64,
     /// The fraction of ambient light; 1 turns the shading off.
-    #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1, default = 0.3))]
+    #[cfg_attr(
+        feature = "openapi",
+        param(minimum = 0, maximum = 1, default = 0.3),
+        schema(default = 0.3)
+    )]
     pub ambient: f64,
     /// The background.
     #[cfg_attr(feature = "openapi", param(inline))]

@@ -196,7 +196,11 @@ fn store(config: &Config) -> Finding {
 
 /// A store that may be another one than meant: whoever names no configuration gets that of the folder they are in.
 fn of_service(found: Finding, args: &DoctorArgs, service: &Path) -> Finding {
-    let is_named = args.serve.common.store.config.is_some() || !service.exists();
+    let given = &args.serve.common.store;
+    let is_named = given.config.is_some()
+        || given.data.is_some()
+        || given.database.is_some()
+        || !service.exists();
     let named = |words| match is_named {
         true => words,
         false => format!(

@@ -261,8 +261,10 @@ fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Represe
     }
 }
 
-/// The columns of the CSV, which has a row for each point: their names, and what is in them of a finding, the number of a point and the point.
+/// A name, and what is in the column of a finding, the number of a point and the point.
 type Column = (&'static str, fn(&Finding, usize, [f64; 3]) -> String);
+
+/// The columns of the CSV, which has a row for each point.
 const COLUMNS: [Column; 19] = [
     ("finding", |finding, _, _| finding.id.to_string()),
     ("kind", |finding, _, _| finding.kind.name().to_owned()),
