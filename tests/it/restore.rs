@@ -17,18 +17,28 @@ use crate::series_builder::{Syntax, files};
 use crate::server::{Server, form, form_type};
 use crate::until::until;
 
-/// The files of the database in the folder of a store, with their contents. The server may be idle.
+/// The files of the database in the folder of a store, with their contents.
 fn saved_rows(store: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    // Files that two readings in a row found alike are of one moment: the server may be writing.
+    let mut rows = read_rows(store);
+    loop {
+        let again = read_rows(store);
+        if again == rows {
+            return rows;
+        }
+        rows = again;
+    }
+}
+
+fn read_rows(store: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let files = std::fs::read_dir(store).unwrap();
     let paths = files.map(|file| file.unwrap().path());
-    let rows = paths.filter(|path| {
-        path.file_name()
-            .unwrap()
-            .to_str()
-            .unwrap()
-            .starts_with("rows.")
-    });
-    let mut rows: Vec<_> = rows
+    let is_of_rows = |path: &PathBuf| {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        name.starts_with("rows.")
+    };
+    let mut rows: Vec<_> = paths
+        .filter(is_of_rows)
         .map(|path| (path.clone(), std::fs::read(path).unwrap()))
         .collect();
     rows.sort();
