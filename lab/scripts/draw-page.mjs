@@ -39,8 +39,8 @@ try {
   await page.goto(`${address}/#${id}&${VIEW}`);
   await page.click(".first-time button");
   await page.waitForSelector('[data-loaded="true"][data-rested="true"]', { timeout: 120_000 });
-  await page.mouse.dblclick(505, 385);
-  await page.mouse.move(900, 20);
+  await page.mouse.dblclick(330, 225);
+  await page.mouse.move(1000, 20);
   // The slices and the profile of the point follow.
   await page.waitForTimeout(3_000);
   await page.screenshot({ path: path.join(root, "docs/page.jpg"), type: "jpeg", quality: 85 });
