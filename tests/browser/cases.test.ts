@@ -576,8 +576,10 @@ test(
       ["Series 1", "Series 2", "Series 3"],
     );
     await long.locator(`#case-list li[aria-posinset="13"] a`).click();
-    await long.waitForSelector("#case-list [aria-current]");
+    // Beside a picture, the list is there when it is wanted.
+    await long.waitForSelector(".viewer");
     await list();
+    await long.waitForSelector("#case-list [aria-current]");
     // It stays at the lower edge, then at the upper one, and covers most of a row.
     for (const scrolled of [0, 14, 861]) {
       await long.locator(".case-scroller").evaluate(async (scroller, to) => {
