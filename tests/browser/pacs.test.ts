@@ -188,6 +188,7 @@ test(
     assert.ok(sent.at(-1)?.includes("thick gyrus"), "the report has what was typed last");
     await dialog.getByRole("button", { name: "Close" }).click();
 
+    await tab(page, "read");
     const saved = async (name: string): Promise<string> => {
       const download = page.waitForEvent("download");
       await page.getByRole("button", { name }).click();

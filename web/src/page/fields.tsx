@@ -6,7 +6,7 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 import type { Icon as IconName } from "../base/dom.ts";
 import { type Key, t } from "../base/i18n.ts";
 import { mayWrite } from "../store/holder.ts";
-import { preferences, unfold } from "../store/preferences.ts";
+import { type Task, preferences, unfold } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 
 /** As wide as the style sheet has menus, with its rim. */
@@ -85,7 +85,14 @@ export const Section = ({
   onOpen,
   children,
   ...rest
-}: { readonly title: Key; readonly name?: string; onOpen?(): void } & Children & Attributes) => (
+}: {
+  readonly title: Key;
+  readonly name?: string;
+  /** The tab that shows it. */
+  readonly "data-task": Task;
+  onOpen?(): void;
+} & Children &
+  Attributes) => (
   <details
     class={`group ${name}`.trimEnd()}
     open={preferences.value.unfolded.includes(title)}

@@ -96,7 +96,7 @@ export function ResultsSection({ store, onScreen }: ResultsProps) {
     void open(t("pacs.heading"), "server-picture result", dialog, null).then(list);
   };
   return (
-    <Section title="pacs.title" name="pacs" onOpen={() => void list()}>
+    <Section title="pacs.title" name="pacs" data-task="case" onOpen={() => void list()}>
       <Quiet>{t("pacs.text")}</Quiet>
       <Row>
         <Button onClick={choose}>{t("pacs.open")}</Button>

@@ -266,7 +266,7 @@ type Column = (&'static str, fn(&Finding, usize, [f64; 3]) -> String);
 
 /// The columns of the CSV, which has a row for each point.
 const COLUMNS: [Column; 19] = [
-    ("finding", |finding, _, _| finding.id.to_string()),
+    ("finding", |finding, _, _| finding.id.clone()),
     ("kind", |finding, _, _| finding.kind.name().to_owned()),
     ("point", |_, number, _| number.to_string()),
     ("left_mm", |_, _, [x, _, _]| x.to_string()),
@@ -287,7 +287,7 @@ const COLUMNS: [Column; 19] = [
     }),
     ("label", |finding, _, _| quoted(&finding.label)),
     ("note", |finding, _, _| quoted(&finding.note)),
-    ("colour", |finding, _, _| finding.colour.to_string()),
+    ("colour", |finding, _, _| finding.colour.clone()),
     ("author", |finding, _, _| {
         quoted(finding.author.as_deref().unwrap_or_default())
     }),
