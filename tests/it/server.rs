@@ -177,6 +177,8 @@ impl Server {
             ..
         } = self;
         workers.shut_down(Duration::from_secs(10)).await;
+        // As at the end of a process: the last connection of SQLite removes the log of writes by its name.
+        state.cases.store().close().await;
         drop((state, pacs, router));
         configure(&mut config);
         Self::on(directory, config).await
