@@ -41,27 +41,24 @@ fn read_rows(store: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     };
     let mut rows: Vec<_> = paths
         .filter(is_of_rows)
-        .filter_map(|path| Some((path.clone(), read_elsewhere(&path)?)))
+        .map(|path| (path.clone(), read_elsewhere(&path)))
         .collect();
     rows.sort();
     rows
 }
 
 /// The contents of a file, read by another process: POSIX ends all locks of a process on a file that it closes (fcntl(2)), also those
-/// that the database of a server in this process holds. `None` if the file went meanwhile: the last connection takes two of them away.
-fn read_elsewhere(path: &Path) -> Option<Vec<u8>> {
+/// that the database of a server in this process holds.
+fn read_elsewhere(path: &Path) -> Vec<u8> {
     let output = Command::new("cat").arg(path).output().unwrap();
-    output.status.success().then_some(output.stdout)
+    assert!(output.status.success(), "{output:?}");
+    output.stdout
 }
 
 /// Puts the files of a database in place of those that are there.
 fn restore_rows(store: &Path, rows: &[(PathBuf, Vec<u8>)]) {
-    for name in ["rows.sqlite", "rows.sqlite-wal", "rows.sqlite-shm"] {
-        let path = store.join(name);
-        match std::fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => panic!("{error}"),
-            _ => {}
-        }
+    for (path, _) in read_rows(store) {
+        std::fs::remove_file(path).unwrap();
     }
     for (path, contents) in rows {
         std::fs::write(path, contents).unwrap();

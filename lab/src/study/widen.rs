@@ -247,18 +247,21 @@ mod tests {
         sum / count
     }
 
+    /// The mean of the voxels within 0.4 mm of a height: 0 without the lesion, 1 with it.
+    fn mean_at(heights: &[(f64, [f64; 2])], from: f64, which: usize) -> f64 {
+        let near = heights
+            .iter()
+            .filter(|(height, _)| (height - from).abs() < 0.4);
+        mean(near.map(|(_, values)| values[which]))
+    }
+
     #[test]
     fn a_blur_widens_the_profile_as_a_gaussian_does_and_leaves_noise_and_texture() {
         let heights = heights(Effect {
             blur_mm: 1.5,
             ..Effect::NONE
         });
-        let at = |from: f64, which: usize| {
-            let near = heights
-                .iter()
-                .filter(|(height, _)| (height - from).abs() < 0.4);
-            mean(near.map(|(_, values)| values[which]))
-        };
+        let at = |from, which| mean_at(&heights, from, which);
         let step = |which| at(-1.0, which) - at(1.0, which);
         // Of an edge of 1.3 mm, 0.56 lie within 1 mm; of one of 1.3 and 1.5 mm together, 0.38.
         assert!((0.48..0.66).contains(&step(0)), "{}", step(0));
@@ -287,12 +290,7 @@ mod tests {
             thickening_mm: 2.0,
             ..Effect::NONE
         });
-        let at = |from: f64, which: usize| {
-            let near = heights
-                .iter()
-                .filter(|(height, _)| (height - from).abs() < 0.4);
-            mean(near.map(|(_, values)| values[which]))
-        };
+        let at = |from, which| mean_at(&heights, from, which);
         for (after, before) in [(-2.0, 0.0), (-1.0, 1.0), (-3.0, -1.0)] {
             let [found, wanted] = [at(after, 1), at(before, 0)];
             assert!(

@@ -41,10 +41,10 @@ export class Rows {
     this.#places = places;
     this.all = computed(() => {
       const found = new Set<Finding>();
-      const ofPlaces = places.lists.flatMap((list) =>
-        list.candidates.map((place): Row => {
+      const ofPlaces = places.lists.flatMap((list) => {
+        const ofMap = findings.list.value.filter(({ from_map }) => from_map === list.map);
+        return list.candidates.map((place): Row => {
           const key = `${list.map} ${nameOf(place.position_in_patient)}`;
-          const ofMap = findings.list.value.filter(({ from_map }) => from_map === list.map);
           // A place that another reader keeps too stays the row of the finding that it has here.
           const known = ofMap.filter((one) => findings.sync.keyOf(one) === this.#taken.get(key));
           const finding =
@@ -56,8 +56,8 @@ export class Rows {
             this.#taken.set(key, findings.sync.keyOf(finding));
           }
           return { key, list, place, finding };
-        }),
-      );
+        });
+      });
       const others = findings.list.value.filter((one) => !found.has(one));
       return [
         ...others.map((finding) => ({ key: findings.sync.keyOf(finding), list: null, place: null, finding })),

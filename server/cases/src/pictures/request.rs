@@ -46,10 +46,6 @@ pub fn default_picture_count() -> usize {
     200
 }
 
-fn default_paths() -> PathKind {
-    PathKind::Flow
-}
-
 /// A word with a default, which a reference to the schema of [`PathKind`] could not have.
 #[cfg(feature = "openapi")]
 fn paths_schema() -> utoipa::openapi::schema::Object {
@@ -58,10 +54,6 @@ fn paths_schema() -> utoipa::openapi::schema::Object {
         .enum_values(Some(["forest", "flow"]))
         .default(Some("flow".into()))
         .build()
-}
-
-fn default_ambient() -> f64 {
-    f64::from(Light::default().ambient())
 }
 
 /// A picture of the isosurface.
@@ -205,11 +197,11 @@ impl Default for PictureRequest {
             window_function: None,
             colormap: ColorMap::default(),
             slab_mm: 0.0,
-            ambient: default_ambient(),
+            ambient: f64::from(Light::default().ambient()),
             background: Background::default(),
             contours: default_picture_count(),
             points: default_picture_count(),
-            paths: default_paths(),
+            paths: PathKind::Flow,
             annotate: false,
             layer: None,
             overlay: None,
