@@ -218,6 +218,7 @@ impl From<worker::Error> for Error {
     fn from(error: worker::Error) -> Self {
         match error {
             worker::Error::Failure(failure) => Self::Failure(failure),
+            worker::Error::Interrupted => Self::Unavailable,
             worker::Error::NotRun => Self::Internal,
         }
     }

@@ -103,8 +103,10 @@ impl FileReader {
         let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
         let answer = tokio::time::timeout(longest, process.ask(&order)).await;
         // A process that is too slow is ended with its handle.
-        let Some(stated) = answer.ok().flatten() else {
-            return Err(died().into());
+        let stated = match answer {
+            Ok(Some(stated)) => stated,
+            Ok(None) => return Err(process.why().await),
+            Err(_elapsed) => return Err(died().into()),
         };
         match stated {
             Stated::Read(found) => Ok(found),

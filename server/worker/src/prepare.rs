@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::confine::{Instead, Needs, confine, said};
 use crate::message::{Order, PrepareOrder};
-use crate::program::Program;
+use crate::program::{Program, was_interrupted};
 
 /// How often to look whether the process has ended, or shall end.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
@@ -154,7 +154,7 @@ impl PrepareProcess {
 
     /// Why a process did not end well.
     fn why(&self, status: ExitStatus, cancelled: &AtomicBool) -> Failure {
-        if cancelled.load(Ordering::Relaxed) {
+        if cancelled.load(Ordering::Relaxed) || was_interrupted(status) {
             return Failure::new(
                 FailureKind::Cancelled,
                 "cancelled",
@@ -361,4 +361,29 @@ pub(crate) fn prepare(order: &PrepareOrder, instead: Option<Instead<'_>>) -> io:
 
 fn write_outcome(output: &File, outcome: &Outcome) -> io::Result<()> {
     crate::confine::create_in(output, OUTCOME)?.write_all(&serde_json::to_vec(outcome)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_that_is_ended_with_the_server_has_not_crashed() {
+        let scratch = tempfile::tempdir().unwrap();
+        for (signal, name) in [
+            ("TERM", "cancelled"),
+            ("INT", "cancelled"),
+            ("HUP", "cancelled"),
+            ("SEGV", "preparation-crashed"),
+            ("KILL", "preparation-too-large"),
+        ] {
+            let arguments = ["-c".to_owned(), format!("kill -{signal} $$")];
+            let program = Program::other("/bin/sh".into(), arguments.map(Into::into).into());
+            let failure = prepare_by(program, Bytes::new(), scratch.path());
+            assert_eq!(
+                failure.err().map(|failure| failure.name).as_deref(),
+                Some(name)
+            );
+        }
+    }
 }

@@ -2,9 +2,10 @@
 
 use std::ffi::OsString;
 use std::io;
-use std::os::unix::process::CommandExt as _;
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::Duration;
 
 use serde::de::DeserializeOwned;
 use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
@@ -13,6 +14,7 @@ use tokio::process::{Child, ChildStdin, ChildStdout};
 use crate::SUBCOMMAND;
 use crate::error::Error;
 use crate::message::Order;
+use crate::reader::died;
 
 /// The greatest number of files or series to read at a time; each may need more memory than a volume.
 const MOST_AT_A_TIME: usize = 4;
@@ -20,6 +22,9 @@ const MOST_AT_A_TIME: usize = 4;
 /// The longest answer on the standard output of a child, in bytes: that about a measurement report of 20,000 points with long
 /// notes.
 const MAX_ANSWER_BYTES: u64 = 16 << 20;
+
+/// How long a process that has closed its output may take to end.
+const ENDS_WITHIN: Duration = Duration::from_secs(1);
 
 /// The program of the child: this program, except in tests.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -46,6 +51,8 @@ impl Program {
             }
         };
         command
+            // What a terminal or a supervisor sends to the group of the server, such as Ctrl-C, is for the server alone.
+            .process_group(0)
             .env_clear()
             .current_dir("/")
             .stdin(Stdio::piped())
@@ -98,6 +105,14 @@ impl Process {
         Ok(())
     }
 
+    /// Why it ended without an answer.
+    pub(crate) async fn why(&mut self) -> Error {
+        match tokio::time::timeout(ENDS_WITHIN, self.child.wait()).await {
+            Ok(Ok(status)) if was_interrupted(status) => Error::Interrupted,
+            _ => died().into(),
+        }
+    }
+
     /// The answer on its standard output; `None` if it does not answer as it must.
     pub(crate) async fn ask<T: DeserializeOwned>(&mut self, order: &Order) -> Option<T> {
         self.tell(order).await.ok()?;
@@ -115,6 +130,15 @@ impl Process {
     }
 }
 
+/// Whether a process was ended by a signal that asks for an end, as supervisors send it to all processes of a service that stops. The same
+/// input may be right the next time.
+pub(crate) fn was_interrupted(status: ExitStatus) -> bool {
+    let signals = [libc::SIGTERM, libc::SIGINT, libc::SIGHUP];
+    status
+        .signal()
+        .is_some_and(|signal| signals.contains(&signal))
+}
+
 /// How many files or series to read at a time: as many as there are CPUs, so that a slow one does not block the others.
 pub fn at_a_time() -> usize {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
@@ -124,4 +148,18 @@ pub fn at_a_time() -> usize {
 pub(crate) fn cannot_run(error: io::Error) -> Error {
     tracing::error!(kind = %error.kind(), "cannot start the process that reads DICOM files");
     Error::NotRun
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_process_is_not_in_the_group_of_the_server() {
+        let arguments = ["-c", "exec cat"].map(Into::into).into();
+        let program = Program::other("/bin/sh".into(), arguments);
+        let process = program.start(Stdio::null()).unwrap();
+        let id = rustix::process::Pid::from_raw(process.child.id().unwrap() as i32);
+        assert_eq!(rustix::process::getpgid(id).unwrap(), id.unwrap());
+    }
 }

@@ -19,7 +19,7 @@ use crate::confine::Confinement;
 use crate::error::Error;
 use crate::memory::{ChildMemory, series_bytes};
 use crate::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
-use crate::program::{Program, cannot_run};
+use crate::program::{Program, cannot_run, was_interrupted};
 use crate::reading::{Choice, Input, Reading};
 
 /// The time limit for a series. The largest ones take seconds.
@@ -123,7 +123,11 @@ impl SeriesReader {
 
     pub(crate) async fn run(&self, order: &Order) -> Result<ExitStatus, Error> {
         let status = self.run_within(order).await.map_err(cannot_run)?;
-        status.ok_or_else(|| too_slow(self.longest).into())
+        match status {
+            Some(status) if was_interrupted(status) => Err(Error::Interrupted),
+            Some(status) => Ok(status),
+            None => Err(too_slow(self.longest).into()),
+        }
     }
 
     /// Runs the child; `None` if it exceeds the time limit.

@@ -98,7 +98,10 @@ impl PrepareCase {
             library.prepare(input, &case.parameters, &observe, cancelled)
         };
         match tokio::task::spawn_blocking(derive).await {
-            Ok(derived) => derived.map_err(Failed::Forever),
+            Ok(derived) => derived.map_err(|failure| match failure.kind {
+                FailureKind::Cancelled => Failed::ForNow(failure),
+                _ => Failed::Forever(failure),
+            }),
             // The same input would cause the same internal error again.
             Err(error) if error.is_panic() => Err(Failed::Forever(Failure::new(
                 FailureKind::Internal,
