@@ -9,7 +9,7 @@ use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
 use super::deidentify::deidentified_file;
 use super::fingerprint::{Fingerprint, Unfinished};
-use super::header::{Image, parse, read_image, stated_place};
+use super::header::{Frame, Image, parse, read_image, stated_place};
 use super::loss::lost;
 use super::pixels::for_each_frame;
 use super::scan::{Scanned, Wanted, scan, scan_as_far_as_sound};
@@ -315,6 +315,12 @@ fn common_rescale(series: &Series, factor: f64) -> Result<Option<Rescale>, Dicom
         return Ok(None);
     };
     let all_same = frames().all(|frame| frame.rescale == first);
+    let states_slope = |frame: &Frame| frame.states_slope;
+    if !all_same && frames().any(states_slope) && !frames().all(states_slope) {
+        return Err(DicomError::Damaged {
+            what: "some slices state a Rescale Slope and others none, so that their intensities cannot be compared",
+        });
+    }
     Ok(all_same.then_some(Rescale {
         slope: (factor * first[0]) as f32,
         intercept: (factor * first[1]) as f32,

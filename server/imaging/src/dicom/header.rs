@@ -111,6 +111,8 @@ pub(super) struct Frame {
     pub(super) fault: Option<&'static str>,
     /// Slope and intercept.
     pub(super) rescale: [f64; 2],
+    /// Whether it states a slope.
+    pub(super) states_slope: bool,
     /// What distinguishes repeated acquisitions, in the order of [`DIFFERENCES`].
     pub(super) acquisition: [Option<i64>; 7],
 }
@@ -347,7 +349,7 @@ fn check_format(format: &PixelFormat) -> Result<(), DicomError> {
     let high = format.bits_stored.saturating_sub(1)..format.bits_allocated;
     if !bits.contains(&format.bits_stored) || !high.contains(&format.high_bit) {
         return Err(DicomError::Damaged {
-            what: "an image has more bits stored than allocated",
+            what: "an image has no bits stored, or more than are allocated",
         });
     }
     let sides = 1..=u16::MAX.into();
@@ -494,6 +496,7 @@ fn classic_frame(object: &InMemDicomObject) -> Result<Frame, DicomError> {
         spacing_mm,
         fault,
         rescale: rescale(object, instance)?,
+        states_slope: object.get(tags::RESCALE_SLOPE).is_some(),
         acquisition: [
             real(object, tags::ECHO_TIME).map(thousandths),
             integer(object, tags::ACQUISITION_NUMBER),
@@ -553,6 +556,7 @@ fn grouped_frame(
         spacing_mm,
         fault,
         rescale: rescale(scaled, instance)?,
+        states_slope: scaled.get(tags::RESCALE_SLOPE).is_some(),
         acquisition: [
             echo.and_then(|group| real(group, tags::EFFECTIVE_ECHO_TIME))
                 .map(thousandths),

@@ -44,17 +44,25 @@ pub(super) fn stated_reals(
     Ok(Some(numbers).filter(|numbers| !numbers.is_empty()))
 }
 
-/// As [`stated_reals`], the first one.
+/// As [`stated_reals`], of an element with one value.
 ///
 /// # Errors
-/// As [`stated_reals`].
+/// As [`stated_reals`], or if it has several different ones.
 pub(super) fn stated_real(
     object: &InMemDicomObject,
     tag: Tag,
     instance: i64,
 ) -> Result<Option<f64>, DicomError> {
-    let numbers = stated_reals(object, tag, instance)?;
-    Ok(numbers.and_then(|numbers| numbers.first().copied()))
+    let numbers = stated_reals(object, tag, instance)?.unwrap_or_default();
+    let Some((&first, others)) = numbers.split_first() else {
+        return Ok(None);
+    };
+    match object.get(tag) {
+        Some(element) if others.iter().any(|&other| other != first) => {
+            Err(unreadable(element, tag, instance))
+        }
+        _ => Ok(Some(first)),
+    }
 }
 
 /// As [`stated_real`], of a number that must be whole.

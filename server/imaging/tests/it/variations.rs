@@ -131,8 +131,25 @@ fn numbers_are_read_as_texts_of_any_representation() {
 }
 
 #[test]
+fn a_slope_that_some_slices_state_is_not_1_for_the_others() {
+    let some = |rescale| {
+        let mut slices = slices(6);
+        for slice in slices.iter_mut().step_by(2) {
+            slice.rescale = Some(rescale);
+        }
+        converted(files(&slices, Syntax::Explicit))
+    };
+    let refused = some([2.5, 0.0]).unwrap_err().to_string();
+    assert!(
+        refused.contains("some slices state a Rescale Slope and others none"),
+        "{refused}"
+    );
+    assert_eq!(intensities(&some([1.0, 0.0]).unwrap()), plain(6));
+}
+
+#[test]
 fn a_value_that_cannot_be_read_is_never_a_default() {
-    let cases: [(Tag, &str, &[u8], &str); 11] = [
+    let cases: [(Tag, &str, &[u8], &str); 12] = [
         (
             SLOPE,
             "DS",
@@ -140,6 +157,7 @@ fn a_value_that_cannot_be_read_is_never_a_default() {
             "RescaleSlope of the image with instance number 2 cannot be read: it is `2,5`",
         ),
         (SLOPE, "DS", b"2.5.1 ", "it is `2.5.1`"),
+        (SLOPE, "DS", b"2\\5 ", "it is `2\\5`"),
         (SLOPE, "LO", b"Smith,Anna", "it is a text of 10 characters"),
         (
             INTERCEPT,
