@@ -477,6 +477,30 @@ mod tests {
     }
 
     #[test]
+    fn scores_of_low_contrast_or_interpolated_slices_have_a_caveat_and_their_limits() {
+        let doubts = |detail_share, contrast| HeadDoubts {
+            detail_share,
+            contrast,
+        };
+        for (doubts, code) in [
+            (doubts(None, Some(6.0)), "scores-low-contrast"),
+            (doubts(Some(0.4), None), "interpolated"),
+            (doubts(Some(0.4), Some(6.0)), "interpolated"),
+        ] {
+            for (kind, limits) in [
+                (MapKind::Blur, ScoreLimits::BLUR),
+                (MapKind::Thickness, ScoreLimits::THICKNESS),
+            ] {
+                let judgement = Judgement::of(kind, [1.0; 3], doubts);
+                assert_eq!(judgement.limits, Some(limits));
+                assert_eq!(judgement.caveat.unwrap().code(), code, "{kind:?}");
+            }
+            let other = Judgement::of(MapKind::Sharpness, [1.0; 3], doubts);
+            assert_eq!(other.caveat, None);
+        }
+    }
+
+    #[test]
     fn a_place_within_5_mm_of_the_plane_is_on_neither_side() {
         let sides = [5.01, 5.0, 0.0, -5.0, -5.01].map(Side::at);
         assert_eq!(

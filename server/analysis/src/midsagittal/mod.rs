@@ -81,6 +81,8 @@ pub struct MidsagittalFit {
     pub off_centre_mm: f64,
     /// The share of the tissue on the side of the plane that has less of it, over that on the other side, 0 to 1.
     pub balance: f64,
+    /// The extent of the envelope from left to right over that from front to back.
+    pub breadth: f64,
 }
 
 /// The limits of a plane that is believed. Sound heads have a correlation of 0.85 to 0.94, those with a mass that displaces the middle
@@ -90,13 +92,23 @@ const LEAST_CORRELATION: f64 = 0.5;
 const MOST_OFF_CENTRE_MM: f64 = 6.0;
 /// The same of the tissue on both sides: a third less on one side is no mirror image.
 const LEAST_BALANCE: f64 = 2.0 / 3.0;
+/// With less than this correlation, what the mask leaves of a head may be half of it, of which the plane is the middle: up to 0.73 in
+/// heads without half of the cerebrum, or a whole half. A mass of 32 mm leaves 0.46 to 0.83 and does not move the plane.
+const SURE_CORRELATION: f64 = 0.8;
+/// Then the plane is less than this from the centroid of the envelope, in mm, unless something is missing on one side, ...
+const MOST_OFF_CENTRE_IF_UNSURE_MM: f64 = 3.0;
+/// ... and the head is at least this broad, unless one side is missing: sound heads have 0.69 to 0.93.
+const LEAST_BREADTH_IF_UNSURE: f64 = 0.6;
 
 impl MidsagittalFit {
     /// Whether the two sides are so unlike that the plane may be wrong.
     pub fn is_doubtful(&self) -> bool {
+        let may_be_half = self.off_centre_mm > MOST_OFF_CENTRE_IF_UNSURE_MM
+            || self.breadth < LEAST_BREADTH_IF_UNSURE;
         self.correlation < LEAST_CORRELATION
             || self.off_centre_mm > MOST_OFF_CENTRE_MM
             || self.balance < LEAST_BALANCE
+            || (self.correlation < SURE_CORRELATION && may_be_half)
     }
 }
 
@@ -125,7 +137,14 @@ pub fn midsagittal_fit(envelope: &Envelope, volume: &Volume) -> MidsagittalFit {
         correlation: fine.correlation(pose, &shape),
         off_centre_mm: plane.left_mm(middle_of_envelope).abs(),
         balance: balance(plane, &points),
+        breadth: breadth(envelope),
     }
+}
+
+fn breadth(envelope: &Envelope) -> f64 {
+    let [first, last] = envelope.mask().bounds().unwrap_or_default();
+    let extent = |axis: usize| (last[axis] - first[axis] + 1) as f64;
+    extent(0) / extent(1)
 }
 
 /// The lesser number of points with tissue on one side of a plane over that on the other. Tissue is at least half as bright as the

@@ -1,6 +1,6 @@
 //! The plane between the hemispheres of heads with a synthetic mass on one side.
 
-use geometry::{BrainMask, Envelope, Volume, envelope};
+use geometry::{BrainMask, Envelope, Grid, Mask, Volume, envelope};
 use glam::{DAffine3, DVec3};
 
 use super::real::{data, read_mask, read_volume};
@@ -205,6 +205,42 @@ fn half_a_cerebrum_of_fluid_puts_the_plane_in_doubt() {
             assert!(
                 found.is_doubtful(),
                 "{folder} {mask}: {side} {share}: {found:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_hemisphere_that_is_missing_from_volume_and_mask_puts_the_plane_in_doubt() {
+    for (folder, volume, mask) in HEADS {
+        let Some((volume, envelope, centre)) = head(folder, volume, mask) else {
+            return;
+        };
+        let name = format!("{mask}.nii.gz");
+        let mask = read_mask(&data().unwrap().join(folder).join(&name));
+        let [first, last] = envelope.mask().bounds().unwrap();
+        let height_mm = (last[2] - first[2]) as f64 * envelope.spacing_mm();
+        for (side, lowest) in [(1.0, -0.15), (-1.0, -0.15), (1.0, -1.0), (-1.0, -1.0)] {
+            let is_missing = |grid: &Grid, index: usize| {
+                let place = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+                let position = grid.patient_from_voxel().transform_point3(place) - centre;
+                side * position.x > 2.0 && position.z > lowest * height_mm
+            };
+            let left = |index: usize| match is_missing(volume.grid(), index) {
+                true => 0,
+                false => volume.voxels()[index],
+            };
+            let voxels = (0..volume.grid().voxel_count()).map(left).collect();
+            let half = Volume::new(volume.grid().clone(), voxels, volume.rescale()).unwrap();
+            let stays = |index: usize| mask.voxels()[index] && !is_missing(mask.grid(), index);
+            let voxels = (0..mask.grid().voxel_count()).map(stays).collect();
+            let mask = Mask::new(mask.grid().clone(), voxels).unwrap();
+            let brain = BrainMask::from_mask(&mask, half.grid()).unwrap();
+            let found = midsagittal_fit(&geometry::envelope(&brain, 10.0).unwrap(), &half);
+            println!("{folder} {name}: {side} {lowest}: {found:?}");
+            assert!(
+                found.is_doubtful(),
+                "{folder} {name}: {side} {lowest}: {found:?}"
             );
         }
     }
