@@ -7,7 +7,7 @@ use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
 use crate::flatness::flatness;
-use crate::rim::{Rim, rim, without_scalp};
+use crate::rim::{Rim, brightness_of_rim, rim, without_scalp};
 use crate::slices::{Slices, lateral_axis, slices};
 use crate::supplied::{Comparison, doubts_of_border};
 use crate::{ExtractionError, Prediction};
@@ -183,6 +183,10 @@ const MOST_BARE_ELSEWHERE: f64 = 0.1;
 
 /// The fewest different values of a volume that shows two tissues: 8 bits give 100 and more, label maps and masks a few dozen.
 const LEAST_VALUES: usize = 64;
+
+/// The most of the brightness of the inside that the rim of a skull-stripped brain has. Five right ones have 0.39 to 0.59, with 4 mm taken
+/// off all around 0.63 to 0.87. In inverted volumes, the rim is brighter than the inside.
+const MOST_OF_RIM: f64 = 0.62;
 
 /// The limits of [`Slices`]: of its order, by how much it exceeds those along the other axes, and of its step.
 const MOST_ORDER: f64 = 0.88;
@@ -393,6 +397,12 @@ impl Quality {
         // Of a single value there is nothing more to say.
         if values >= LEAST_VALUES {
             self.judge_contrast(LEAST_CONTRAST_OF_STRIPPED);
+            let rim = brightness_of_rim(masked.volume, masked.closed).unwrap_or_default();
+            self.say(review_if((MOST_OF_RIM..1.0).contains(&rim)), "mask-tight", || {
+                "the brain begins with bright tissue, not with fluid; was more taken off than the skull? Depths count from where the zeros end, \
+                 not from the dura"
+                    .to_owned()
+            });
         }
         self.compare(masked, network)?;
         self.judge_opinion(network);

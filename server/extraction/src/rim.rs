@@ -8,6 +8,9 @@ use rayon::prelude::*;
 const WITHIN_MM: [f32; 4] = [3.0, 4.5, 6.0, 7.5];
 const AROUND_MM: [f32; 3] = [2.0, 3.5, 5.0];
 
+/// The depth at which a skull-stripped brain has fluid and the surface of the cortex, in mm.
+const SHALLOW_MM: f64 = 1.0;
+
 /// Where scalp is looked for beyond the border, in mm, and how bright it is at least, on the scale of [`LIKE_BRAIN`].
 const SCALP_MM: [f32; 14] = [
     4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 26.0, 28.0, 30.0,
@@ -101,6 +104,22 @@ pub(crate) fn without_scalp(volume: &Volume, distance: &DistanceMap) -> Option<[
         false => 0.0,
     };
     Some([0, 1, 2, 3, 4, 5].map(share))
+}
+
+/// The median intensity of a skull-stripped brain [`SHALLOW_MM`] below its border, where 0 is the darkest value and 1 the median of the
+/// inside. What is 0 there, in fissures that the zeros follow, does not count.
+pub(crate) fn brightness_of_rim(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
+    let scale = Scale::of(volume, distance)?;
+    let native_from_patient = volume.grid().voxel_from_patient();
+    let at = |place: Place| {
+        let position = place.position + place.inwards * SHALLOW_MM;
+        let stored = volume.sample(native_from_patient.transform_point3(position).as_vec3())?;
+        Some(scale.of_stored(stored)).filter(|&value| value > 0.0)
+    };
+    let mut values: Vec<f32> = border(distance).into_iter().filter_map(at).collect();
+    let rank = values.len().checked_sub(1)? / 2;
+    let median = *values.select_nth_unstable_by(rank, f32::total_cmp).1;
+    Some(f64::from(median))
 }
 
 /// The affines that flip the voxels of a grid along its axes.

@@ -1,7 +1,7 @@
 //! What heads that no limit was chosen on have shown: slices in the wrong order, and things over zeros that are no brain.
 
 use extraction::{Masked, Network, Opinion, Origin, Quality, Verdict, closed, judge, predict};
-use geometry::{BrainMask, Mask, Volume, phantom};
+use geometry::{BrainMask, Mask, Volume, offset, phantom};
 use glam::DVec3;
 
 use crate::spoiled::{bare, biased, ending_in_noise, fading, lowered, noisy, thick};
@@ -220,6 +220,12 @@ fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
             ("inverted", inside(&|stored, _| brightest + black - stored)),
         ];
         if name != "phantom" {
+            // The depths of a brain that lost 4 mm all around are wrong by as much.
+            let smaller = offset(&brain, -4.0).expect("a brain");
+            let quality = stripped(&bare(&volume, &smaller), None);
+            println!("{name}, 4 mm smaller: {:?}", codes(&quality));
+            assert!(codes(&quality).contains(&"mask-tight"), "{name}");
+
             let quality = stripped(&volume, network());
             println!("{name}, bare: {:?} {:?}", codes(&quality), quality.contrast);
             assert_eq!(
