@@ -99,8 +99,9 @@ async fn closed(server: &Server, case: &str) -> Value {
     let mut listed = list["cases"].as_array().unwrap().iter();
     let listed = listed.find(|each| each["id"] == alone["id"]).unwrap();
     assert_eq!(alone["closed"], listed["closed"]);
-    let slices = server.get(&format!("{case}/findings")).await;
-    for answer in [answer, slices] {
+    let findings = server.get(&format!("{case}/findings")).await;
+    let events = server.get(&format!("{case}/events")).await;
+    for answer in [answer, findings, events] {
         let header = answer.header("x-isocortex-closed");
         assert_eq!(header, alone["closed"].as_str().unwrap_or_default());
     }

@@ -56,10 +56,16 @@ async fn within<T>(
 /// Whether this is another cause than that of the check before, so that probes do not repeat it. An empty one is none.
 fn is_news(cause: &str) -> bool {
     static SAID: Mutex<String> = Mutex::new(String::new());
-    let mut said = SAID.lock().unwrap_or_else(PoisonError::into_inner);
-    let is_news = *said != cause;
-    cause.clone_into(&mut said);
-    is_news
+    changes(
+        &mut SAID.lock().unwrap_or_else(PoisonError::into_inner),
+        cause,
+    )
+}
+
+fn changes(said: &mut String, cause: &str) -> bool {
+    let is_another = said != cause;
+    cause.clone_into(said);
+    is_another
 }
 
 #[cfg(test)]
@@ -68,6 +74,22 @@ mod tests {
     use std::io::ErrorKind;
 
     use super::*;
+
+    #[test]
+    fn a_cause_is_said_once_until_another_comes_or_the_store_answers() {
+        let mut said = String::new();
+        let logged = [
+            "",
+            "refused",
+            "refused",
+            "no answer",
+            "refused",
+            "",
+            "refused",
+        ]
+        .map(|cause| changes(&mut said, cause));
+        assert_eq!(logged, [false, true, false, true, true, true, true]);
+    }
 
     #[tokio::test]
     async fn a_store_that_does_not_answer_is_unavailable_and_a_full_one_is_full() {

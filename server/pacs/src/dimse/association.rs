@@ -154,6 +154,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         peer: &request.calling_ae_title,
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
+        why: String::new(),
     };
     let peer_max_length = peer_max_length(&request.user_variables);
     let ended = exchange(wire, &mut messages, peer_max_length, options).await;
@@ -235,6 +236,8 @@ struct Messages<'a> {
     event: Event,
     /// Whether it is on record that images come.
     is_announced: bool,
+    /// Why the image that was read last is refused.
+    why: String,
 }
 
 enum State {
@@ -301,7 +304,8 @@ impl Messages<'_> {
                     Err(error) => status_of(&error.into()),
                 };
                 self.count(status);
-                Ok(Some((context, request.response(status))))
+                let why = std::mem::take(&mut self.why);
+                Ok(Some((context, request.response_with(status, &why))))
             }
             State::Ignored {
                 request,
@@ -458,7 +462,12 @@ impl Messages<'_> {
             Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
                 return Status::Success;
             }
-            Err(error) => return status_of(&error),
+            Err(error) => {
+                if let Error::Failure(failure) = &error {
+                    self.why.clone_from(&failure.detail);
+                }
+                return status_of(&error);
+            }
         };
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
             && identity.sop_instance_uid.as_str() == object.sop_instance_uid;

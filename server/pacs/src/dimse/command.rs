@@ -21,6 +21,9 @@ const MEDIUM_PRIORITY: u16 = 0x0000;
 /// Each association of ours has one request.
 const OUR_MESSAGE_ID: u16 = 1;
 
+/// Error Comment (0000,0902) is a long string (LO).
+const MOST_OF_COMMENT: usize = 64;
+
 /// The class and the instance of an object.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct ObjectName {
@@ -72,7 +75,7 @@ impl Request {
                 0x0100 => command_field = Some(number(value)?),
                 0x0110 => message_id = Some(number(value)?),
                 0x0800 => data_set = Some(number(value)?),
-                0x1000 => instance = Some(uid(value)?),
+                0x1000 => instance = Some(text(value)?),
                 _ => {}
             }
         }
@@ -98,6 +101,11 @@ impl Request {
 
     /// The response to it.
     pub(crate) fn response(&self, status: Status) -> Vec<u8> {
+        self.response_with(status, "")
+    }
+
+    /// The response to it with the beginning of a sentence that says why, unless that is empty.
+    pub(crate) fn response_with(&self, status: Status, why: &str) -> Vec<u8> {
         let (field, message_id) = match self {
             Self::Echo { message_id } => (C_ECHO, *message_id),
             Self::Store { message_id, .. } => (C_STORE, *message_id),
@@ -119,6 +127,12 @@ impl Request {
         element(&mut elements, 0x0120, &message_id.to_le_bytes());
         element(&mut elements, 0x0800, &NO_DATA_SET.to_le_bytes());
         element(&mut elements, 0x0900, &(status as u16).to_le_bytes());
+        if !why.is_empty() {
+            let is_plain = |c: &char| (' '..='~').contains(c) && *c != '\\';
+            let comment: String = why.chars().filter(is_plain).take(MOST_OF_COMMENT).collect();
+            let even = comment.len().next_multiple_of(2);
+            element(&mut elements, 0x0902, format!("{comment:even$}").as_bytes());
+        }
         if let Self::Store { object, .. } = self {
             element(&mut elements, 0x1000, &padded(&object.sop_instance_uid));
         }
@@ -200,6 +214,16 @@ pub(crate) fn uid(value: &[u8]) -> Option<String> {
     case::series::Uid::parse(text).map(|uid| uid.as_str().to_owned())
 }
 
+/// A text of graphic characters that should be a UID: whether it is one is seen with the data set, so that one bad image does not end the
+/// association.
+fn text(value: &[u8]) -> Option<String> {
+    let text = std::str::from_utf8(value)
+        .ok()?
+        .trim_end_matches(['\0', ' ']);
+    let is_text = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_graphic());
+    is_text.then(|| text.to_owned())
+}
+
 /// An element of group 0000.
 fn element(set: &mut Vec<u8>, number: u16, value: &[u8]) {
     set.extend([0, 0]);
@@ -250,6 +274,9 @@ mod tests {
         let group_length = u32::from_le_bytes(response[8..12].try_into().unwrap());
         assert_eq!(group_length as usize, response.len() - 12);
         assert_eq!(Request::parse(&response), None, "it is no request");
+        let reasoned = request.response_with(Status::CannotUnderstand, "“Rows” is missing");
+        let comment = b"\x00\x00\x02\x09\x10\x00\x00\x00Rows is missing ";
+        assert!(memchr::memmem::find(&reasoned, comment).is_some());
         let status = [0, 0, 0x00, 0x09, 2, 0, 0, 0, 0x00, 0xA7];
         assert!(memchr::memmem::find(&response, &status).is_some());
     }

@@ -118,3 +118,17 @@ impl AssociationCounts {
         [&self.stored, &self.not_stored].map(|count| count.load(Ordering::Relaxed))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_rejection_counts_and_one_of_a_minute_and_a_reason_is_logged() {
+        let counts = AssociationCounts::default();
+        let logged =
+            [Rejection::Limit, Rejection::Limit, Rejection::Context].map(|why| counts.reject(why));
+        assert_eq!(logged, [Some(1), None, Some(1)]);
+        assert_eq!(counts.rejected(Rejection::Limit), 2);
+    }
+}

@@ -100,7 +100,7 @@ impl Composer {
             return Err(AppError::new(StatusCode::CONFLICT, why.name(), detail));
         }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
-        let study = study.ok_or_else(no_patient)?;
+        let study = study.ok_or_else(|| unwritable(WriteError::NoStudy))?;
         if asked.study.is_some() && !is_rejection {
             let named = Patient::of(|keyword| source.value(keyword));
             if let Some(why) = pacs

@@ -91,6 +91,7 @@ fn introduction() -> String {
 
 /// The routes that need a token. Each states what the token must permit, and what is recorded.
 fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
+    let counts = || middleware::from_fn_with_state(state.cases.clone(), say_what_counts);
     let answers = GuardedRoutes::default()
         .with(Scope::Read, Audited::No, routes!(sign_in::get_session))
         .with(Scope::Read, Audited::Query, routes!(cases::list_cases))
@@ -167,10 +168,9 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
                 .map(|routes| routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES))),
         )
         .map(|routes| {
-            let counts = middleware::from_fn_with_state(state.cases.clone(), say_what_counts);
             let limit = AnswerTimeout::from_ref(state);
             let in_time = middleware::from_fn_with_state(limit, answer_in_time);
-            routes.route_layer(counts).route_layer(in_time)
+            routes.route_layer(counts()).route_layer(in_time)
         });
     let upload_limit = Uploads::from_ref(state).limits.max_bytes;
     let upload_limit = upload_limit.saturating_add(FORM_OVERHEAD_BYTES);
@@ -190,7 +190,8 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
             Scope::Read,
             Audited::View,
             routes!(layers::get_layer_events),
-        );
+        )
+        .map(|routes| routes.route_layer(counts()));
     let guarded = answers.and(streams);
     match GuardAll::from_ref(state) {
         GuardAll(true) => guarded.and(operation_routes()),

@@ -93,6 +93,10 @@ enum Step {
     Delete {
         case: usize,
     },
+    /// Deletes the first layer of a case.
+    DeleteLayer {
+        case: usize,
+    },
     /// Everything that is in memory is gone.
     Kill,
     /// A week passes, after which files are forgotten.
@@ -138,6 +142,7 @@ fn step() -> impl Strategy<Value = Step> {
         2 => (0..9_usize).prop_map(|case| Step::Ask { case }),
         2 => Just(Step::Take),
         1 => (0..9_usize).prop_map(|case| Step::Delete { case }),
+        1 => (0..9_usize).prop_map(|case| Step::DeleteLayer { case }),
         1 => Just(Step::Kill),
         1 => Just(Step::Week),
     ]
@@ -543,6 +548,17 @@ impl World {
             Step::Delete { case } => {
                 if let Some(case) = self.case(*case) {
                     self.delete(case).await;
+                }
+            }
+            Step::DeleteLayer { case } => {
+                if let Some(case) = self.case(*case)
+                    && let Some(layer) = self.store().layers(&case).await.unwrap().first()
+                {
+                    self.arrivals
+                        .cases
+                        .delete_layer(&case, &layer.id)
+                        .await
+                        .unwrap();
                 }
             }
             Step::Kill => {
