@@ -43,16 +43,16 @@ object_store() {
 # Programs that send images to us, and that check and read the objects that we make.
 dicom_tools() {
   { have dciodvfy && have storescu; } || install_packages dcmtk dicom3tools ||
-    say "the tests with other DICOM software need the Debian packages dcmtk and dicom3tools; without them these tests are skipped."
+    say "the tests with other DICOM software need the Debian packages dcmtk and dicom3tools; without them these tests are skipped (on CI they fail)."
   target/python/bin/python -c 'import highdicom' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet highdicom; } >/dev/null 2>&1 ||
-    say "a test reads our segmentations with the Python package highdicom, which is missing; it is skipped."
+    say "a test reads our segmentations with the Python package highdicom, which is missing; it is skipped (on CI it fails)."
   target/python/bin/python -c 'import sqlalchemy, pynetdicom' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet pynetdicom sqlalchemy; } >/dev/null 2>&1 ||
-    say "a test works with the archive of the Python package pynetdicom, which is missing; it is skipped."
+    say "a test works with the archive of the Python package pynetdicom, which is missing; it is skipped (on CI it fails)."
   target/python/bin/python -c 'import openapi_spec_validator, prometheus_client' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet openapi-spec-validator prometheus-client; } >/dev/null 2>&1 ||
-    say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are missing; they are skipped."
+    say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are missing; they are skipped (on CI they fail)."
 }
 
 # without_service SERVICE PACKAGES...: installs packages that start a service and let it start with the machine: a policy of
@@ -77,10 +77,11 @@ without_service() {
 
 # Orthanc, a PACS.
 orthanc() {
-  [ -x /usr/sbin/Orthanc ] && [ -e /usr/share/orthanc/plugins/libOrthancDicomWeb.so ] && return 0
-  without_service orthanc orthanc orthanc-dicomweb
+  local plugins=/usr/share/orthanc/plugins
+  [ -x /usr/sbin/Orthanc ] && [ -e $plugins/libOrthancDicomWeb.so ] && [ -e $plugins/libOrthancPython.so ] && return 0
+  without_service orthanc orthanc orthanc-dicomweb orthanc-python
   [ -x /usr/sbin/Orthanc ] ||
-    say "the tests with Orthanc need the Debian packages orthanc and orthanc-dicomweb; without them these tests are skipped."
+    say "the tests with Orthanc need the Debian packages orthanc, orthanc-dicomweb and orthanc-python; without them these tests are skipped (on CI they fail)."
 }
 
 # promtool, which checks the rules for Prometheus, comes with a server.

@@ -10,7 +10,10 @@ need_rust
 readonly mode=${1:-all}
 # A test runs once. The continuous integration repeats a failed one once and names it in the last lines: the next commit mends it.
 retries=0
-[ "${CI:-}" != true ] || retries=1
+if [ "${CI:-}" = true ]; then
+  retries=1
+  export NEXTEST_PROFILE=ci
+fi
 passed=() failed=() skipped=() repeated=() counted=0
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
@@ -49,7 +52,7 @@ count_tests() {
 # rust_tests TARGETS...: uses nextest if it is installed.
 rust_tests() {
   if have cargo-nextest; then
-    cargo nextest run --locked --no-fail-fast --no-tests=pass --retries "$retries" "$@"
+    cargo nextest run --locked --no-fail-fast --no-tests=pass "$@"
   else
     cargo test --locked --no-fail-fast "$@"
   fi
@@ -57,7 +60,7 @@ rust_tests() {
 
 lab_trial() {
   if have cargo-nextest; then
-    lab_cargo nextest run --locked --retries "$retries" --test trial
+    lab_cargo nextest run --locked --profile default --retries "$retries" --test trial
   else
     lab_cargo test --locked --test trial
   fi

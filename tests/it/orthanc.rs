@@ -18,6 +18,7 @@ use crate::findings::mark;
 use crate::pacs::{Neighbour, dcmtk};
 use crate::results::{identified_case, result, until_sent};
 use crate::series_builder::Syntax;
+use crate::skipped;
 use crate::storage_nodes::{every_kind, to_node};
 use crate::until::until;
 
@@ -54,7 +55,7 @@ fn program() -> Option<PathBuf> {
     let found = ["/usr/sbin/Orthanc", "/usr/bin/Orthanc"];
     let found = found.iter().map(PathBuf::from).find(|path| path.exists());
     if found.is_none() || !Path::new(PLUGIN).exists() {
-        eprintln!("SKIPPED: Orthanc or its DICOMweb plug-in is not installed");
+        skipped("Orthanc or its DICOMweb plug-in is not installed");
         return None;
     }
     found
@@ -92,7 +93,7 @@ impl Orthanc {
             configuration["Plugins"] = json!([PLUGIN, PYTHON_PLUGIN]);
             configuration["PythonScript"] = BUTTON.into();
         } else {
-            eprintln!("SKIPPED: the Python plug-in of Orthanc is not installed");
+            skipped("the Python plug-in of Orthanc is not installed");
         }
         let [file, token] = ["orthanc.json", "token"].map(|name| folder.path().join(name));
         std::fs::write(&file, configuration.to_string()).unwrap();

@@ -20,6 +20,7 @@ use crate::dicom::{head_slices, reader};
 use crate::scopes::TokensFile;
 use crate::series_builder::{DataSet, Slice, Syntax, files};
 use crate::server::{Answer, Server};
+use crate::skipped;
 use crate::until::until;
 
 pub(crate) const BOUNDARY: &str =
@@ -840,7 +841,7 @@ pub(crate) fn dcmtk(name: &str) -> Option<std::path::PathBuf> {
     let path = std::path::Path::new("/usr/bin").join(name);
     let is_there = path.exists();
     if !is_there {
-        eprintln!("SKIPPED: {name} of DCMTK is not installed");
+        skipped(&format!("{name} of DCMTK is not installed"));
     }
     is_there.then_some(path)
 }

@@ -19,6 +19,7 @@ use crate::head::{mask_of, plain_head};
 use crate::maps::until_maps;
 use crate::pacs::{Neighbour, an_image, with_texts};
 use crate::server::{Answer, Server};
+use crate::skipped;
 use crate::until::until;
 
 pub(crate) const IDENTITY: [([u16; 2], &str, &str); 12] = [
@@ -128,7 +129,7 @@ async fn objects() -> Objects {
 /// The texts that a program prints; `None`, loudly, if it is not installed.
 pub(crate) fn printed(program: &str, arguments: &[&Path]) -> Option<String> {
     let Ok(output) = Command::new(program).args(arguments).output() else {
-        eprintln!("SKIPPED: {program} is not installed");
+        skipped(&format!("{program} is not installed"));
         return None;
     };
     let both = [output.stdout, output.stderr].concat();
@@ -154,7 +155,7 @@ pub(crate) fn python_with(package: &str) -> Option<PathBuf> {
     };
     let found = candidates.find(imports);
     if found.is_none() {
-        eprintln!("SKIPPED: no Python with {package} is installed");
+        skipped(&format!("no Python with {package} is installed"));
     }
     found
 }

@@ -14,6 +14,7 @@ use crate::findings::mark;
 use crate::orthanc::free_port;
 use crate::pacs::{Neighbour, dcmtk, dimse, dimse_options};
 use crate::results::{RETRY_AFTER, identified_case, result, small, until_sent, until_tried};
+use crate::skipped;
 use crate::until::until;
 
 /// The data set of a file, without its head.
@@ -307,7 +308,7 @@ impl Certificates {
         };
         let authority = "req -x509 -newkey rsa:2048 -nodes -keyout ca.key -out ca.pem -days 30 -subj /CN=authority";
         if openssl(authority).is_err() {
-            eprintln!("SKIPPED: openssl is not installed");
+            skipped("openssl is not installed");
             return None;
         }
         for step in [
