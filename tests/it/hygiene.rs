@@ -242,18 +242,36 @@ fn every_test_that_a_measurement_was_made_with_exists() {
     }
 }
 
-/// The rows of the table after an anchor of the study: the first cell, the number in the second, and the last.
-fn rows_of_study(anchor: &str) -> Vec<(String, f64, String)> {
-    let study = read("lab/docs/study.md");
+/// A row of a table of the study: its first cells, the number of lesions or heads, and shares of these with their intervals.
+#[derive(Clone)]
+struct RowOfStudy {
+    what: String,
+    number: f64,
+    shares: Vec<String>,
+}
+
+/// A share that begins a text, in percent.
+fn percent(text: &str) -> u32 {
+    (text[..4].parse::<f64>().expect("a share") * 100.0).round() as u32
+}
+
+/// The rows of the table after an anchor of the study.
+fn rows_of_study(anchor: &str) -> Vec<RowOfStudy> {
+    let study = read("lab/docs/study.md").replace('*', "");
     let (_, after) = study
         .split_once(&format!("<a id=\"{anchor}\"></a>"))
         .unwrap_or_else(|| panic!("the study has no {anchor}"));
     let table = after.trim_start().lines().skip(2);
     let rows = table.take_while(|line| line.starts_with('|')).map(|line| {
         let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-        let number = cells[1].parse().expect("a number");
-        let last = cells.last().expect("cells").replace('*', "");
-        (cells[0].to_owned(), number, last)
+        let number = cells.iter().position(|cell| cell.parse::<f64>().is_ok());
+        let number = number.expect("a number");
+        let shares = cells[number..].iter().filter(|cell| cell.contains('('));
+        RowOfStudy {
+            what: cells[..number].join(" "),
+            number: cells[number].parse().expect("a number"),
+            shares: shares.map(ToString::to_string).collect(),
+        }
     });
     rows.collect()
 }
@@ -267,88 +285,118 @@ fn interval(count: f64, number: f64) -> [f64; 2] {
         .map(|sign| (share + z * z / (2.0 * number) + sign * z * spread) / (1.0 + z * z / number))
 }
 
+/// What documents and page state about simulated lesions: ranges over all simulators and the independent checks.
+const STATED: [&str; 18] = [
+    "README.md: {blur} of the simulated blurs of 6 mm",
+    "docs/reading.md: | blurs of 6 mm: {blur}; blurs of 4 mm: {small};",
+    "docs/reading.md: mixtures of blur, thickening and changed intensities: {mixture};",
+    "docs/reading.md: faint transmantle lesions: {transmantle};",
+    "docs/reading.md: | thickenings of 2 mm: {thick} |",
+    "docs/reading.md: (blurs of 6 mm: {smoothed})",
+    "docs/reading.md: {kept} of them stood out",
+    "docs/reading.md: {fifth} of the thickenings come before its fifth false mark",
+    "web/src/words.en.json: {not blur} of blurs of 6 mm radius, {not small} of blurs of 4 mm, {not mixture} of mixed signs",
+    "web/src/words.en.json: of simulated thickenings of 2 mm, {not thick} stay below",
+    "web/src/words.en.json: {number} synthetic blurs of 6 mm radius, one in a head, from three simulators, the blur was among the first five places in {five},",
+    "web/src/words.en.json: {number} synthetic thickenings of 2 mm in five heads, from three simulators, the thickening came before the fifth normal place in {fifth}",
+    "web/src/words.en.json: and before the 20th in {twentieth}.",
+    "web/src/words.pt-BR.json: {not blur} dos borramentos de 6 mm de raio, {not small} dos de 4 mm, {not mixture} das de sinais",
+    "web/src/words.pt-BR.json: dos espessamentos simulados de 2 mm, {not thick} ficam abaixo",
+    "web/src/words.pt-BR.json: {number} borramentos sintéticos de 6 mm de raio, um por cabeça, de três simuladores, o borramento estava entre os cinco primeiros lugares em {five},",
+    "web/src/words.pt-BR.json: {number} espessamentos sintéticos de 2 mm em cinco cabeças, de três simuladores, o espessamento veio antes do quinto local normal em {fifth}",
+    "web/src/words.pt-BR.json: e antes do 20º em {twentieth}.",
+];
+
 #[test]
 fn documents_and_page_state_the_shares_that_the_study_measured() {
-    let (sound, lesions) = (rows_of_study("sound"), rows_of_study("texture"));
-    for (what, number, measured) in sound.iter().chain(&lesions) {
-        let share: f64 = measured[..4].parse().expect("a share");
-        let count = (share * number).round();
-        let [low, high] = interval(count, *number);
-        let written = format!("{:.2} ({:.2} to {:.2})", count / number, low.abs(), high);
-        assert_eq!(measured, &written, "{what}: {count} of {number}");
+    let sound = rows_of_study("sound");
+    let lesions = ["shares", "texture"].map(rows_of_study).concat();
+    for row in sound.iter().chain(&lesions) {
+        assert!(!row.shares.is_empty(), "{}", row.what);
+        for measured in &row.shares {
+            let count = (f64::from(percent(measured)) / 100.0 * row.number).round();
+            let [low, high] = interval(count, row.number);
+            let share = count / row.number;
+            let written = format!("{share:.2} ({:.2} to {high:.2})", low.abs());
+            assert_eq!(
+                measured, &written,
+                "{}: {count} of {}",
+                row.what, row.number
+            );
+        }
     }
 
-    // The least and the greatest share of a lesion over all simulators, in percent; the first check has one row for the limit.
+    // The first check has one row for the limit.
     let study = read("lab/docs/study.md");
-    let by_limit = study
-        .lines()
-        .find(|line| line.starts_with("| **2.25**"))
-        .expect("the limit");
-    let first: Vec<u32> = by_limit
-        .split(['|', '*'])
-        .filter_map(|cell| cell.strip_suffix(" %")?.parse().ok())
-        .collect();
-    let percent = |text: &str| (text.parse::<f64>().expect("a share") * 100.0).round();
-    let range = |kind: &str, first: Option<u32>| {
-        let shares = lesions
-            .iter()
-            .filter(|(what, ..)| what.starts_with(kind))
-            .map(|(_, _, measured)| percent(&measured[..4]) as u32)
-            .chain(first);
-        let shares: Vec<u32> = shares.collect();
-        let least = *shares.iter().min().expect("shares");
-        (least, *shares.iter().max().expect("shares"))
-    };
-    let blurs = range("blur, 6 mm", Some(first[0]));
-    let small = range("blur, 4 mm", Some(first[1]));
-    let mixtures = range("mixture", Some(first[3]));
-    let (reading, readme, words) = (
-        read("docs/reading.md"),
-        read("README.md"),
-        read("web/src/words.en.json"),
-    );
-    for ((least, most), name) in [
-        (blurs, "blurs of 6 mm"),
-        (small, "blurs of 4 mm"),
+    let by_limit = study.lines().find(|line| line.starts_with("| **2.25**"));
+    let cells = by_limit.expect("the limit").split(['|', '*']);
+    let of_first = cells.filter_map(|cell| cell.strip_suffix(" %")?.parse().ok());
+    let of_first: Vec<u32> = of_first.collect();
+    // The rows that begin so, the number of the share (the last is that of those that stood out), and that of the first check.
+    let last = usize::MAX;
+    let ranges = [
+        ("blur", "blur `blur`/blur, 6 mm", last, Some(0)),
+        ("small", "blur, 4 mm", last, Some(1)),
+        ("mixture", "mixture `blur`/mixture,", last, Some(3)),
+        ("transmantle", "transmantle `blur`", last, Some(4)),
+        ("thick", "thickening `thickness`/thickening in", last, None),
         (
-            mixtures,
-            "mixtures of blur, thickening and changed intensities",
+            "smoothed",
+            "blur `blur` displaced/blur `blur` painted/blur, 6 mm, Gaussian",
+            last,
+            Some(0),
         ),
-    ] {
-        let sentence = format!("{name}: {least} to {most} %");
-        assert!(reading.contains(&sentence), "reading.md: {sentence}");
+        (
+            "kept",
+            "blur `blur` widened/blur, 6 mm, texture kept",
+            last,
+            None,
+        ),
+        ("five", "blur `blur`", 1, None),
+        ("fifth", "thickening `thickness`", 1, None),
+        ("twentieth", "thickening `thickness`", 2, None),
+    ];
+    let rows_of = |begin: &str| {
+        let rows: Vec<&RowOfStudy> = lesions
+            .iter()
+            .filter(|row| row.what.starts_with(begin))
+            .collect();
+        assert!(!rows.is_empty(), "{begin}");
+        rows
+    };
+    let number: f64 = rows_of("blur `blur`").iter().map(|row| row.number).sum();
+    for stated in STATED {
+        let (file, sentence) = stated.split_once(": ").expect("a file");
+        let mut sentence = sentence.replace("{number}", &number.to_string());
+        for (name, begins, share, first) in ranges {
+            let rows = begins.split('/').flat_map(rows_of);
+            let share = |row: &RowOfStudy| row.shares.get(share).or(row.shares.last()).cloned();
+            let shares = rows.map(|row| percent(&share(row).expect("a share")));
+            let shares: Vec<u32> = shares.chain(first.map(|at| of_first[at])).collect();
+            let (least, most) = (shares.iter().min().unwrap(), shares.iter().max().unwrap());
+            let to = if file.contains("pt-BR") { "a" } else { "to" };
+            let of_those = format!("{least} {to} {most} %");
+            let of_others = format!("{} {to} {} %", 100 - most, 100 - least);
+            sentence = sentence.replace(&format!("{{{name}}}"), &of_those);
+            sentence = sentence.replace(&format!("{{not {name}}}"), &of_others);
+        }
+        assert!(read(file).contains(&sentence), "{file}: {sentence}");
     }
-    let missed = |(least, most): (u32, u32), to| format!("{} {to} {} %", 100 - most, 100 - least);
-    let [six, four, mixed] = [blurs, small, mixtures].map(|range| missed(range, "to"));
-    let of_page =
-        format!("{six} of blurs of 6 mm radius, {four} of blurs of 4 mm, {mixed} of mixed signs");
-    assert!(words.contains(&of_page), "words.en.json: {of_page}");
-    let [six, four, mixed] = [blurs, small, mixtures].map(|range| missed(range, "a"));
-    let of_page =
-        format!("{six} dos borramentos de 6 mm de raio, {four} dos de 4 mm, {mixed} das de sinais");
-    assert!(
-        read("web/src/words.pt-BR.json").contains(&of_page),
-        "{of_page}"
-    );
-    let (least, most) = range("blur, 6 mm, texture kept", None);
-    let of_readme = format!("{least} to {most} % of the blurs of 6 mm");
-    assert!(readme.contains(&of_readme), "README.md: {of_readme}");
 
-    for (document, text, list) in [
-        ("README.md", &readme, 0),
-        ("docs/reading.md", &reading, 0),
-        ("docs/reading.md", &reading, 1),
+    for (document, list) in [
+        ("README.md", 0),
+        ("docs/reading.md", 0),
+        ("docs/reading.md", 1),
     ] {
-        let (_, number, measured) = &sound[list];
-        let none = (percent(&measured[..4]) * number / 100.0).round();
+        let (number, measured) = (sound[list].number, &sound[list].shares[0]);
+        let none = (f64::from(percent(measured)) / 100.0 * number).round();
         let sentence = format!("{none} of {number} ");
         let interval = format!(
             "{} to {} %",
             percent(&measured[6..10]),
             percent(&measured[14..18])
         );
-        let said = text
-            .lines()
+        let said = (read(document).lines())
             .any(|line| line.contains(&sentence) && line.contains(&interval));
         assert!(said, "{document}: {sentence}, {interval}");
     }

@@ -161,7 +161,7 @@ pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
         }
         let mut from = place;
         if lesion.effect.thickening_mm > 0.0 {
-            let towards_white = direction(ground, voxel);
+            let towards_white = direction(block, ground.values, voxel);
             let back = -towards_white * (lesion.effect.thickening_mm * share);
             from = grid.voxel_from_patient().transform_point3(position + back);
         }
@@ -224,8 +224,7 @@ fn around(block: &Block, lesion: &Lesion) -> impl Iterator<Item = [usize; 3]> + 
 }
 
 /// The unit vector towards white matter in patient space; 0 if there is no gradient.
-fn direction(ground: &Ground<'_>, voxel: [usize; 3]) -> DVec3 {
-    let block = ground.block;
+pub(super) fn direction(block: &Block, values: &[f32], voxel: [usize; 3]) -> DVec3 {
     let sigma = block.in_voxels(DIRECTION_MM);
     let reach = sigma.map(|sigma| (2.0 * sigma).ceil() as i64);
     let mut slope = DVec3::ZERO;
@@ -235,7 +234,7 @@ fn direction(ground: &Ground<'_>, voxel: [usize; 3]) -> DVec3 {
         });
         let scaled = [0, 1, 2].map(|axis| offset[axis] as f64 / sigma[axis]);
         let squared: f64 = scaled.iter().map(|along| along * along).sum();
-        let value = f64::from(ground.values[block.grid.index(there)].clamp(-0.5, 1.5));
+        let value = f64::from(values[block.grid.index(there)].clamp(-0.5, 1.5));
         let along = DVec3::from_array([0, 1, 2].map(|axis| scaled[axis] / sigma[axis]));
         slope += along * (value * (-0.5 * squared).exp());
     });

@@ -26,7 +26,7 @@ const FADE_MM: f64 = 1.5;
 /// The Gaussian of the tissue scale that tells grey from white matter, in mm; noise would make specks.
 const STEADY_MM: f64 = 0.8;
 /// Grey matter, in that tissue scale.
-pub(super) const GREY: [f32; 2] = [-0.5, 0.5];
+const GREY: [f32; 2] = [-0.5, 0.5];
 /// The distance over which the paint ends, in mm.
 const PAINT_EDGE_MM: f64 = 1.0;
 /// The radii of a band at the lesion and at the ventricle, in mm, and the tissue scale of its paint.
@@ -226,8 +226,8 @@ impl BoxMean {
 
 /// The part of a block around a lesion.
 pub(super) struct Part<'a> {
-    canvas: &'a Canvas<'a>,
-    first: [usize; 3],
+    pub(super) canvas: &'a Canvas<'a>,
+    pub(super) first: [usize; 3],
     pub(super) size: [usize; 3],
 }
 

@@ -1,32 +1,30 @@
 //! A third simulator, which changes structure alone and leaves noise and texture as they were acquired.
 //!
-//! The structure of a voxel is the mean tissue scale of the voxels around it that are equally far from the junction of grey and
-//! white matter; its texture is the residual. Within a random blob,
-//! * **blur** convolves the profile of the structure across the junction with a Gaussian;
-//! * **thickening** moves that profile into white matter;
-//! * **darker white** and **brighter grey matter** follow the tissue scale after a Gaussian.
+//! The structure of a voxel is the mean tissue scale of the voxels around it that have the same steadied tissue scale, so that
+//! edges stay as sharp as they are; its texture is the residual. Within a random blob,
+//! * **blur** smooths the structure by a Gaussian, which leaves out fluid;
+//! * **thickening** moves the structure into white matter;
+//! * **darker white** and **brighter grey matter** follow the steadied tissue scale.
 //!
 //! The texture is put back as it was, also in a transmantle band. A lesion without any effect is a sham: it changes nothing.
 
 use geometry::Volume;
 use glam::DVec3;
 
-use super::lesion::{Lesion, grey_share, white_share};
-use super::paint::{BAND_VALUE, Canvas, GREY, Part, band, fade, reach_mm};
+use super::lesion::{Lesion, direction, grey_share, white_share};
+use super::paint::{BAND_VALUE, Canvas, Part, band, fade, reach_mm};
 use crate::random::Random;
 use analysis::Zone;
 
 /// The number of balls of a blob, and the distance of all but the first from its centre, as a share of the radius.
 const BALLS: usize = 6;
 const APART: f64 = 0.6;
-/// The middle between grey and white, at which the junction is.
-const MIDDLE: f64 = 0.5;
-/// The Gaussian around a voxel that counts for its profile, in mm: widths and intensities vary from place to place.
+/// The Gaussians over the distance, in mm, and over the steadied tissue scale of the voxels that count for a structure.
 const AROUND_MM: f64 = 2.5;
-/// The greatest distance from the junction of a profile, the step of its samples, and the Gaussian over them, in mm.
-const PROFILE_MM: f64 = 6.0;
-const STEP_MM: f64 = 0.25;
-const SMOOTH_MM: f64 = 0.3;
+const ALIKE: f64 = 0.1;
+/// The reach of a Gaussian, as a multiple of its deviation, and the least deviation that interpolates between voxels, in voxels.
+const REACH: f64 = 2.5;
+const BETWEEN: f64 = 0.4;
 
 /// A union of balls around the centre of a lesion, as large as a ball of its radius.
 struct Blob {
@@ -59,148 +57,105 @@ impl Blob {
     }
 }
 
-/// The mean tissue scale by the distance from the junction, from grey matter (below 0) to white.
-struct Profile(Vec<f64>);
-
-impl Profile {
-    fn distances() -> impl Iterator<Item = f64> {
-        let count = (PROFILE_MM / STEP_MM) as i32;
-        (-count..=count).map(|step| f64::from(step) * STEP_MM)
-    }
-
-    /// The profile around a position, where near voxels count most. Fluid is left out.
-    fn around(position: DVec3, voxels: &[Voxel]) -> Self {
-        let mut bins = vec![(0.0, 0.0); Self::distances().count()];
-        for voxel in voxels {
-            let away_mm = voxel.position.distance(position);
-            let is_fluid = voxel.steady < f64::from(GREY[0]);
-            if is_fluid || away_mm > 3.0 * AROUND_MM || voxel.from_junction_mm.abs() > PROFILE_MM {
-                continue;
-            }
-            let bin = ((voxel.from_junction_mm + PROFILE_MM) / STEP_MM).round() as usize;
-            let weight = gaussian(away_mm, AROUND_MM);
-            bins[bin].0 += weight;
-            bins[bin].1 += weight * voxel.value;
-        }
-        let mean_at = |at: f64| {
-            let weighted = Self::distances().zip(&bins).map(|(mm, (count, sum))| {
-                let weight = gaussian(mm - at, SMOOTH_MM);
-                (weight * count, weight * sum)
-            });
-            let (count, sum) = weighted.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-            (sum / count.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
-        };
-        Self(Self::distances().map(mean_at).collect())
-    }
-
-    /// The value at a distance; beyond both ends, that of the end.
-    fn at(&self, distance_mm: f64) -> f64 {
-        let place = (distance_mm + PROFILE_MM).clamp(0.0, 2.0 * PROFILE_MM) / STEP_MM;
-        let (before, part) = (place.floor() as usize, place.fract());
-        let after = (before + 1).min(self.0.len() - 1);
-        self.0[before] + part * (self.0[after] - self.0[before])
-    }
-
-    /// The value at a distance of the profile convolved with a Gaussian.
-    fn widened_at(&self, distance_mm: f64, blur_mm: f64) -> f64 {
-        if blur_mm <= 0.0 {
-            return self.at(distance_mm);
-        }
-        let weighted = Self::distances().map(|mm| {
-            let weight = gaussian(mm, blur_mm);
-            (weight, weight * self.at(distance_mm + mm))
-        });
-        let (total, sum) = weighted.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
-        sum / total
-    }
+/// A voxel around a lesion.
+struct Voxel {
+    position: DVec3,
+    is_tissue: bool,
+    value: f64,
+    /// The tissue scale, steadied against noise.
+    steady: f64,
 }
 
 fn gaussian(away: f64, deviation: f64) -> f64 {
     (-0.5 * (away / deviation).powi(2)).exp()
 }
 
-/// A voxel with tissue around a lesion.
-struct Voxel {
-    in_block: [usize; 3],
-    position: DVec3,
-    value: f64,
-    /// The tissue scale, steadied against noise.
-    steady: f64,
-    from_junction_mm: f64,
-}
-
-/// The voxels with tissue in a part of a head.
-fn tissue(part: &Part<'_>, canvas: &Canvas<'_>) -> Vec<Voxel> {
-    let steady: Vec<f64> = part.voxels().map(|voxel| part.steady(voxel)).collect();
-    let junction = junction(part, canvas, &steady);
-    let voxel = |(voxel, steady): ([usize; 3], f64)| {
-        let (in_block, position) = (part.in_block(voxel), part.position(voxel));
-        let index = canvas.block.grid.index(in_block);
-        if canvas.block.zones[index] < Zone::Tissue {
-            return None;
-        }
-        let squares = junction.iter().map(|it| it.distance_squared(position));
-        let away_mm = squares.fold(f64::INFINITY, f64::min).sqrt();
-        Some(Voxel {
-            in_block,
-            position,
-            value: f64::from(canvas.values[index]),
-            steady,
-            from_junction_mm: if steady < MIDDLE { -away_mm } else { away_mm },
-        })
-    };
-    part.voxels().zip(steady).filter_map(voxel).collect()
-}
-
-/// The places at which the steadied tissue scale passes the middle between grey and white, on the edges between voxels.
-fn junction(part: &Part<'_>, canvas: &Canvas<'_>, steady: &[f64]) -> Vec<DVec3> {
-    let zone = |voxel| canvas.block.zones[canvas.block.grid.index(part.in_block(voxel))];
+/// The mean of values of a part under a Gaussian around a position, by the weight and the value of each voxel.
+fn mean(
+    part: &Part<'_>,
+    (position, deviation_mm): (DVec3, f64),
+    weighted: impl Fn(usize) -> (f64, f64),
+) -> f64 {
+    let block = part.canvas.block;
+    let place = block.grid.voxel_from_patient().transform_point3(position);
+    let deviation = block.in_voxels(deviation_mm);
+    let [x, y, z] = [0, 1, 2].map(|axis| {
+        let place = place[axis] - part.first[axis] as f64;
+        let deviation = deviation[axis].max(BETWEEN);
+        let first = (place - REACH * deviation).ceil().max(0.0) as usize;
+        let end = (place + REACH * deviation).floor().max(0.0) as usize + 1;
+        let near = first..end.min(part.size[axis]);
+        near.map(|at| (at, gaussian(at as f64 - place, deviation)))
+            .collect::<Vec<_>>()
+    });
     let [nx, ny, _] = part.size;
-    let mut found = Vec::new();
-    for (voxel, &here) in part.voxels().zip(steady) {
-        for (axis, stride) in [1, nx, nx * ny].into_iter().enumerate() {
-            let mut next = voxel;
-            next[axis] += 1;
-            if next[axis] == part.size[axis] {
-                continue;
-            }
-            let there = steady[voxel[0] + nx * (voxel[1] + ny * voxel[2]) + stride];
-            let passes = (here < MIDDLE) != (there < MIDDLE);
-            if passes && [voxel, next].map(zone) == [Zone::Deep; 2] {
-                let share = (MIDDLE - here) / (there - here);
-                found.push(part.position(voxel).lerp(part.position(next), share));
+    let (mut total, mut sum) = (0.0, 0.0);
+    for (z, far) in &z {
+        for (y, across) in &y {
+            for (x, along) in &x {
+                let (weight, value) = weighted(x + nx * (y + ny * z));
+                let weight = far * across * along * weight;
+                total += weight;
+                sum += weight * value;
             }
         }
     }
-    found
+    sum / total.max(f64::MIN_POSITIVE)
 }
 
 /// A copy of a volume with a lesion.
 pub(super) fn widened(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
+    let Canvas { block, values, .. } = *canvas;
     let effect = lesion.effect;
     let mut random = Random::new(lesion.seed ^ 0x5749_4445_4E00);
-    let reach_mm = reach_mm(lesion, lesion.radius_mm * (1.0 + APART)) + PROFILE_MM;
+    let around_mm = effect.thickening_mm + REACH * effect.blur_mm;
+    let reach_mm = reach_mm(lesion, lesion.radius_mm * (1.0 + APART)) + around_mm;
     let part = Part::around(canvas, lesion.centre_in_patient, reach_mm);
-    let voxel_mm3 = canvas.block.spacing_mm.iter().product();
+    let voxel_mm3 = block.spacing_mm.iter().product();
     let blob = Blob::new(lesion, &part, voxel_mm3, &mut random);
-    let tissue = tissue(&part, canvas);
-    let changes_profile = effect.blur_mm > 0.0 || effect.thickening_mm > 0.0;
-    let mut voxels = canvas.volume.voxels().to_vec();
-    for voxel in &tissue {
-        let share = fade(blob.outside_mm(voxel.position));
-        let [grey, white] = [grey_share(voxel.steady), white_share(voxel.steady)];
-        let mut change = 0.0;
-        if share > 0.0 && changes_profile {
-            let profile = Profile::around(voxel.position, &tissue);
-            let from_mm = voxel.from_junction_mm;
-            let moved = profile.widened_at(from_mm - effect.thickening_mm, effect.blur_mm);
-            // Fluid, which is neither grey nor white, stays.
-            change += share * (grey + white) * (moved - profile.at(from_mm));
+    let voxel = |voxel| {
+        let index = block.grid.index(part.in_block(voxel));
+        Voxel {
+            position: part.position(voxel),
+            is_tissue: block.zones[index] >= Zone::Tissue,
+            value: f64::from(values[index]),
+            steady: part.steady(voxel),
         }
-        change += share * (effect.brightening * grey - effect.darkening * white);
-        change -= band(lesion, voxel.position) * white * (1.0 - BAND_VALUE);
+    };
+    let all: Vec<Voxel> = part.voxels().map(voxel).collect();
+    let structure = |own: &Voxel| {
+        let is_needed = around_mm > 0.0 && fade(blob.outside_mm(own.position) - around_mm) > 0.0;
+        if !is_needed || !own.is_tissue {
+            return (0.0, own.value);
+        }
+        let structure = mean(&part, (own.position, AROUND_MM), |index| {
+            let other = &all[index];
+            let alike = gaussian(other.steady - own.steady, ALIKE);
+            (f64::from(u8::from(other.is_tissue)) * alike, other.value)
+        });
+        // Fluid is neither grey nor white.
+        (grey_share(structure) + white_share(structure), structure)
+    };
+    let structures: Vec<(f64, f64)> = all.iter().map(structure).collect();
+    let mut voxels = canvas.volume.voxels().to_vec();
+    for (index, voxel) in part.voxels().enumerate() {
+        let (own, in_block) = (&all[index], part.in_block(voxel));
+        if !own.is_tissue {
+            continue;
+        }
+        let share = fade(blob.outside_mm(own.position));
+        let white = white_share(own.steady);
+        let mut change = share * effect.brightening * grey_share(own.steady);
+        change -=
+            white * (share * effect.darkening + band(lesion, own.position) * (1.0 - BAND_VALUE));
+        if share > 0.0 && around_mm > 0.0 {
+            let moved_mm = direction(block, values, in_block) * effect.thickening_mm;
+            let from = (own.position - moved_mm, effect.blur_mm);
+            let (weight, structure) = structures[index];
+            change += share * weight * (mean(&part, from, |index| structures[index]) - structure);
+        }
         if change != 0.0 {
-            canvas.put(&mut voxels, voxel.in_block, voxel.value + change);
+            canvas.put(&mut voxels, in_block, own.value + change);
         }
     }
     canvas.volume_of(voxels)
