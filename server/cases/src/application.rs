@@ -117,8 +117,8 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
             Preparation {
                 has_network: pipeline.has_network(),
                 is_apart: true,
-                prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
-                    process.prepare(&input, parameters, limits, (observe, cancelled))
+                prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
+                    process.prepare(source, parameters, limits, (observe, cancelled))
                 }),
             }
         }

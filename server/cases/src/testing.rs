@@ -56,8 +56,8 @@ impl Fake {
         Preparation {
             has_network: true,
             is_apart: false,
-            prepare: Arc::new(move |input, _, _, observe, cancelled| {
-                fake.run(input.source, observe, cancelled)
+            prepare: Arc::new(move |source, _, _, observe, cancelled| {
+                fake.run(source, observe, cancelled)
             }),
         }
     }
