@@ -23,7 +23,7 @@ use storage::{ObjectName, Spooled};
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
-pub(crate) use self::contradiction::Contradiction;
+pub(crate) use self::contradiction::SEVERAL_PATIENTS;
 pub(crate) use self::heads::Head;
 pub(crate) use self::matches::{Matches, SeriesWithoutCase};
 pub use self::read::start_series_reader;
