@@ -1,12 +1,9 @@
 //! The sections of a configuration, each with its defaults. The keys of the file are the names of the fields.
 
-use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use access::proxy::ProxyOptions;
-use access::scopes::Role;
 use cases::pictures::GpuUse;
 use http::timeouts::Timeouts;
 use ipnet::IpNet;
@@ -100,61 +97,6 @@ impl FromStr for Network {
 /// The number of CPU cores.
 fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// `[audit]`: the record of who does what.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AuditFiles {
-    /// The folder of its files, which must exist. Without one, nothing is recorded.
-    pub folder: Option<PathBuf>,
-    /// The size beyond which another file is begun, in bytes.
-    pub max_file_bytes: u64,
-}
-
-impl Default for AuditFiles {
-    fn default() -> Self {
-        Self {
-            folder: None,
-            max_file_bytes: 64 << 20,
-        }
-    }
-}
-
-/// `[proxy]`: a proxy that signs people in, and names them in headers.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Proxy {
-    /// The header with the name of the user.
-    pub user_header: String,
-    /// The header with the groups of the user. Without one, `roles` are of users.
-    pub groups_header: Option<String>,
-    /// What is between two groups.
-    #[serde(default = "default_separator")]
-    pub separator: char,
-    /// The role of each group. Without one, the groups are the names of roles.
-    #[serde(default)]
-    pub roles: BTreeMap<String, Role>,
-    /// Where the proxy signs people out: a path, or an address.
-    pub sign_out: Option<String>,
-    /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
-    pub socket: Option<PathBuf>,
-}
-
-fn default_separator() -> char {
-    ','
-}
-
-impl Proxy {
-    pub(super) fn options(&self) -> ProxyOptions {
-        ProxyOptions {
-            user_header: self.user_header.clone(),
-            groups_header: self.groups_header.clone(),
-            separator: self.separator,
-            roles: self.roles.clone(),
-            sign_out: self.sign_out.clone(),
-        }
-    }
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.
