@@ -167,7 +167,6 @@ pub fn application(store: Store, script: &str) -> Cases {
         prepares_apart: false,
         preparation_cpu_seconds: 120,
         makes_maps: false,
-        max_layers: 20,
         store: options(),
         network: None,
         atlas: AtlasChoice::Off,

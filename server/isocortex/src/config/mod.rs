@@ -446,19 +446,10 @@ impl Config {
                 "limits.max_queued_cases",
                 self.limits.max_queued_cases as u64,
             ),
-            (
-                "limits.preparation_threads",
-                self.limits.preparation_threads as u64,
-            ),
             ("prepare.max_secs", self.prepare.max_secs),
             ("prepare.max_cpu_secs", self.prepare.max_cpu_secs),
             ("render.threads", self.render.threads as u64),
-            (
-                "limits.max_queued_renders",
-                self.limits.max_queued_renders as u64,
-            ),
             ("http.max_connections", self.http.max_connections as u64),
-            ("http.max_uploads", self.http.max_uploads as u64),
             ("storage.keep_days", self.storage.keep_days.unwrap_or(1)),
         ];
         let mut counts = counts.into_iter().chain(self.pacs.counts());
@@ -617,11 +608,10 @@ impl Config {
             max_queued_renders: self.limits.max_queued_renders,
             cache_bytes: self.render.cache_bytes,
             children: self.children()?,
-            preparation_threads: self.limits.preparation_threads,
+            preparation_threads: sections::cores(),
             prepares_apart: self.prepares_apart,
             preparation_cpu_seconds: self.prepare.max_cpu_secs,
             makes_maps: self.limits.maps == MapsUse::On,
-            max_layers: self.limits.max_layers,
             graphics: GraphicsOptions {
                 use_of: self.render.gpu,
                 at_a_time: self.render.threads,

@@ -39,9 +39,10 @@ pub struct Http {
     pub max_connections: usize,
     /// The addresses or networks of the proxies that name the client in `X-Forwarded-For`.
     pub trusted_proxies: Vec<Network>,
-    /// Uploads at a time.
+    /// Uploads at a time; no key.
+    #[serde(skip)]
     pub max_uploads: usize,
-    /// How long clients may take, which is no key.
+    /// How long clients may take; no key.
     #[serde(skip)]
     pub timeouts: Timeouts,
 }
@@ -95,7 +96,7 @@ impl FromStr for Network {
 }
 
 /// The number of CPU cores.
-fn cores() -> usize {
+pub(super) fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
@@ -109,16 +110,13 @@ pub struct Limits {
     pub max_voxels: usize,
     /// The shortest side of a volume, in mm; infants and specimens may need less.
     pub min_field_mm: f64,
-    /// Threads of a preparation; by default, one for each CPU core.
-    pub preparation_threads: usize,
     /// Memory for all processes together that read files and prepare cases, in bytes; by default enough for all workers and two series.
     pub child_bytes: Option<u64>,
     /// Cases that may wait to be prepared.
     pub max_queued_cases: usize,
-    /// Pictures, meshes and checks of uploads that may wait.
+    /// Pictures, meshes and checks of uploads that may wait; no key.
+    #[serde(skip)]
     pub max_queued_renders: usize,
-    /// Layers of a case.
-    pub max_layers: usize,
     /// Whether to compute the maps of the junction of grey and white matter.
     pub maps: MapsUse,
 }
@@ -140,11 +138,9 @@ impl Default for Limits {
             max_upload_bytes: 1 << 30,
             max_voxels: 64 << 20,
             min_field_mm: HeadLimits::default().field_mm[0],
-            preparation_threads: cores(),
             child_bytes: None,
             max_queued_cases: 256,
             max_queued_renders: 64,
-            max_layers: 20,
             maps: MapsUse::default(),
         }
     }
@@ -198,7 +194,8 @@ pub struct Render {
     pub threads: usize,
     /// Whether a GPU may draw.
     pub gpu: GpuUse,
-    /// GPU memory for cases, in bytes.
+    /// GPU memory for cases, in bytes; no key.
+    #[serde(skip)]
     pub gpu_case_bytes: u64,
     /// Memory for what is kept of cases, in bytes.
     pub cache_bytes: u64,
