@@ -160,9 +160,9 @@ class Server:
         finally:
             connection.close()
 
-    def upload(self, volume, timeout=120, **others):
+    def upload(self, volume, timeout=120, source=None, **others):
         parts = {"volume": volume, **others}
-        return self.ask("POST", "/v1/cases", form(parts.items()), {"Content-Type": FORM}, timeout)
+        return self.ask("POST", "/v1/cases", form(parts.items()), {"Content-Type": FORM}, timeout, source)
 
     def until_settled(self, address, timeout=120):
         """A case's JSON once it is ready or failed; the last one seen if that takes too long."""

@@ -18,7 +18,7 @@ from attack import Report, Server, head, is_short, skip
 
 CALLS = ["openat", "write", "pwrite64", "fsync", "fdatasync", "linkat", "rename", "unlink", "ftruncate", "mkdir"]
 
-SETTINGS = "[limits]\nmaps = \"off\"\npreparation_threads = 1\n[render]\nthreads = 1\n"
+SETTINGS = "[limits]\nmaps = \"off\"\n[render]\nthreads = 1\n"
 
 
 def traced(inject):

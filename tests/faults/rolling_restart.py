@@ -16,7 +16,7 @@ from attack import Report, Server, head, is_short, program
 from cluster import Shared, free_ports
 from proxy import Caddy
 
-SETTINGS = "[limits]\nmaps = \"off\"\npreparation_threads = 1\n[http]\ntrusted_proxies = [\"127.0.0.1\"]\n"
+SETTINGS = "[limits]\nmaps = \"off\"\n[http]\ntrusted_proxies = [\"127.0.0.1\"]\n"
 
 
 class Load:

@@ -17,8 +17,7 @@ from cluster import Shared, files_below
 
 ROUNDS, CUT = (20, 20) if is_short() else (1000, 200)
 
-# One client may take a quarter of the places for uploads, and all of these are one client.
-SETTINGS = "[limits]\nmaps = \"off\"\nmax_queued_cases = 1000\n[http]\nmax_uploads = 256\n"
+SETTINGS = "[limits]\nmaps = \"off\"\nmax_queued_cases = 1000\n"
 
 
 def at_once(count, job):
@@ -43,7 +42,7 @@ def cases(server):
 def one_of_many(report, kind, server, objects):
     """A5: 100 uploads of one study are one case, and nothing is left when it is deleted."""
     study = head(10.0, 5)
-    answers = [a for client in at_once(20, lambda _: [server.upload(study) for _ in range(5)]) for a in client]
+    answers = [a for client in at_once(20, lambda number: [server.upload(study, source=f"127.0.0.{2 + number}") for _ in range(5)]) for a in client]
     locations = {headers.get("location") for _, headers, _ in answers}
     statuses = {status for status, _, _ in answers}
     [address] = locations

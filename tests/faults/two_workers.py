@@ -13,7 +13,7 @@ from attack import Report, cpu_seconds, head
 from cluster import Cluster, Postgres
 
 HEADS = 12
-SETTINGS = "[limits]\npreparation_threads = 1\nmaps = \"off\"\n"
+SETTINGS = "[limits]\nmaps = \"off\"\n"
 
 
 def cpu_s(workers):

@@ -273,7 +273,7 @@ async fn a_case_that_is_removed_because_of_its_age_is_on_record_or_stays() {
     let elsewhere = recorded.folder.path().join("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();
     let config = Config {
-        audit: isocortex::config::AuditFiles {
+        audit: access::audit::Options {
             folder: Some(elsewhere.clone()),
             ..Default::default()
         },

@@ -4,8 +4,9 @@ use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
+use access::proxy::ProxyOptions;
 use access::scopes::Role;
-use isocortex::config::{Config, Proxy, Secret};
+use isocortex::config::{Config, Secret};
 use serde_json::{Value, json};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpStream, UnixStream};
@@ -16,8 +17,8 @@ use crate::server::Server;
 
 const TOKEN: &str = "correct-horse-battery-staple";
 
-fn proxy() -> Proxy {
-    Proxy {
+fn proxy() -> ProxyOptions {
+    ProxyOptions {
         user_header: "X-Remote-User".to_owned(),
         groups_header: Some("X-Remote-Groups".to_owned()),
         separator: ',',

@@ -6,7 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
 use cases::pictures::{PictureRequest, SliceQuery};
 use http::sent::from_query;
-use imaging::dicom::{Options, convert, fingerprint, identify, marks, metadata};
+use imaging::dicom::{Options, attributes, convert, fingerprint, identify, marks};
 use imaging::{Limits, sniff};
 use pacs::multipart::{MediaType, Parser, Piece};
 use pipeline::codec;
@@ -43,7 +43,7 @@ pub fn nifti(bytes: &[u8]) {
 pub fn dicom(bytes: &[u8]) {
     let _ = identify(bytes);
     let _ = marks(bytes);
-    let _ = metadata(bytes);
+    let _ = attributes(bytes);
     // Decoders of compressed pixels may panic: they run in a child process.
     tolerate(|| {
         let _ = convert(&mut vec![bytes.to_vec()], &Options::default(), &LIMITS);

@@ -4,10 +4,12 @@
 //! the groups must come once each: a proxy that adds a header to the one that a client has sent lets everybody be everybody.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
+use serde::Deserialize;
 
 use crate::error::AccessError;
 use crate::origins::Origins;
@@ -39,19 +41,28 @@ const OF_CLIENTS: [&str; 12] = [
     "x-request-id",
 ];
 
-/// How a proxy names people.
-#[derive(Debug, Clone)]
+/// How a proxy names people; `[proxy]` of the configuration.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct ProxyOptions {
     /// The header with the name of the user.
     pub user_header: String,
     /// The header with the groups of the user. Without one, the tables have names of users.
     pub groups_header: Option<String>,
     /// What is between two groups.
+    #[serde(default = "default_separator")]
     pub separator: char,
     /// The role of each group. If this is empty, the groups are the names of roles.
+    #[serde(default)]
     pub roles: BTreeMap<String, Role>,
     /// Where the proxy signs people out: a path, or an address.
     pub sign_out: Option<String>,
+    /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
+    pub socket: Option<PathBuf>,
+}
+
+fn default_separator() -> char {
+    ','
 }
 
 /// Why nobody can sign in by a proxy.
@@ -226,6 +237,7 @@ mod tests {
             ]
             .into(),
             sign_out: None,
+            socket: None,
         }
     }
 

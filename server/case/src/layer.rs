@@ -13,6 +13,9 @@ use crate::{CaseId, CaseState, Failure, MapName, QualityState, is_control};
 /// A part of every [`LayerId`]. It changes if the same input must give another layer.
 const ID_FORMAT: u8 = 1;
 
+/// The most layers of a case.
+pub const MAX_LAYERS: usize = 20;
+
 /// The id of a layer, a digest: 32 lower-case hexadecimal digits.
 ///
 /// It is the first half of a BLAKE3 digest over the volume and the parameters that affect the result. The case is not

@@ -29,8 +29,8 @@ pub use id::{CaseId, NotACaseId};
 pub use images::Closed;
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
-    Contrast, LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin,
-    NotALayerId, PlacementFacts, PlacementVerdict, Transform,
+    Contrast, LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MAX_LAYERS,
+    MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, Transform,
 };
 pub use maps::{
     BrainRegion, CandidateFacts, JunctionBandFacts, MapName, PatientSide, RegionFacts,

@@ -224,7 +224,6 @@ mod tests {
             series: None,
             name: LayerName::Usual(volume.to_owned()),
             parameters: LayerParameters::default(),
-            most: 20,
         };
         cases.store().submit_layer(upload).await.unwrap().layer.id
     }

@@ -63,8 +63,6 @@ pub struct Options {
     pub preparation_cpu_seconds: u64,
     /// Whether to compute maps of the cases.
     pub makes_maps: bool,
-    /// How many layers a case may have.
-    pub max_layers: usize,
     pub graphics: GraphicsOptions,
     /// The program that reads DICOM files.
     pub dicom_program: Program,
@@ -117,8 +115,8 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
             Preparation {
                 has_network: pipeline.has_network(),
                 is_apart: true,
-                prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
-                    process.prepare(&input, parameters, limits, (observe, cancelled))
+                prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
+                    process.prepare(source, parameters, limits, (observe, cancelled))
                 }),
             }
         }
@@ -150,7 +148,6 @@ pub struct Cases {
     /// The reader of the headers of DICOM files.
     pub headers: Arc<HeaderReader>,
     pub(crate) checks: CheckMemory,
-    pub(crate) max_layers: usize,
     /// One registration of cases at a time: pictures get their turns between them.
     pub(crate) registering: Arc<tokio::sync::Mutex<()>>,
     /// The atlas that names gyri, if there is one.
@@ -201,7 +198,6 @@ impl Cases {
             dicom: Arc::new(dicom),
             headers: Arc::new(headers),
             checks: CheckMemory::new(options.head, options.limits),
-            max_layers: options.max_layers,
             registering: Arc::default(),
             atlas: None,
             deidentify: options.deidentify,

@@ -3,7 +3,9 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use case::{CaseState, Closed, ErrorKind, Failure, INTERNAL, PublicError, SOURCE_MISSING};
+use case::{
+    CaseState, Closed, ErrorKind, Failure, INTERNAL, MAX_LAYERS, PublicError, SOURCE_MISSING,
+};
 use geometry::GeometryError;
 use pipeline::maps::NoMaps;
 use pipeline::surfaces::NoSurfaces;
@@ -29,8 +31,8 @@ pub enum Error {
     #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,
     /// The case has as many layers as it may have.
-    #[error("the case has {most} layers, the limit; delete one, or raise `limits.max_layers`")]
-    TooManyLayers { most: usize },
+    #[error("the case has {} layers, the limit; delete one", MAX_LAYERS)]
+    TooManyLayers,
     /// Another layer of the case has the name.
     #[error("another layer of the case has this name; choose another name")]
     LayerNameTaken,
@@ -104,7 +106,7 @@ impl PublicError for Error {
             Self::NotReady { .. }
             | Self::LayerNotReady
             | Self::LayerClosed(_)
-            | Self::TooManyLayers { .. }
+            | Self::TooManyLayers
             | Self::LayerNameTaken
             | Self::MapsUndefined(_)
             | Self::NoSurfaces(_) => ErrorKind::Conflict,
@@ -127,7 +129,7 @@ impl PublicError for Error {
             Self::LayerNotReady => "layer-not-ready",
             Self::LayerClosed(_) => "closed",
             Self::NoSuchLayer => "no-such-layer",
-            Self::TooManyLayers { .. } => "too-many-layers",
+            Self::TooManyLayers => "too-many-layers",
             Self::LayerNameTaken => "layer-name-taken",
             Self::MapsUndefined(_) => "maps-undefined",
             Self::NoSurfaces(_) => "no-surfaces",
@@ -196,6 +198,7 @@ impl From<StoreError> for Error {
         match error {
             StoreError::QueueFull(wait) => Self::BusyFor(wait),
             StoreError::NoSuchCase => Self::NoSuchCase,
+            StoreError::TooManyLayers => Self::TooManyLayers,
             StoreError::NoSuchLayer => Self::NoSuchLayer,
             StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,

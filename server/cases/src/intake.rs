@@ -1,8 +1,7 @@
 //! Makes a queued case from spooled files. DICOM files become a volume first. The files are checked at once, so that
 //! the store contains only usable uploads.
 //!
-//! Files from the store were checked before. A volume that was decoded for the check is handed to the worker that
-//! prepares it.
+//! Files from the store were checked before.
 
 #[cfg(test)]
 mod tests;
@@ -13,11 +12,9 @@ use imaging::{START_BYTES, sniff};
 use pipeline::{Source, check};
 use storage::{NewMask, Spooled, Store, Submitted, Upload, Version};
 use tempfile::TempDir;
-use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
 use crate::client::{in_store, this_client};
-use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Form, Input, Options};
 use crate::error::Error;
 use crate::series::SeriesOfUpload;
@@ -145,7 +142,7 @@ impl Cases {
         parameters: Parameters,
         previous: Option<CaseId>,
     ) -> Result<Submitted, Error> {
-        let (mut parameters, offer) = self.check_upload(&upload, parameters).await?;
+        let mut parameters = self.check_upload(&upload, parameters).await?;
         if parameters.name.is_none() && !self.is_named(&upload, &parameters).await? {
             parameters.name = self.label_of(&upload).await?;
         }
@@ -153,7 +150,6 @@ impl Cases {
         let store = self.store_of_client();
         let submitted = store.submit(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
-        offer.keep_if(submitted.created);
         Ok(submitted)
     }
 
@@ -185,8 +181,7 @@ impl Cases {
     /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case was deleted.
     pub async fn submit_version(&self, mut version: Version) -> Result<Submitted, Error> {
         let of = version.of;
-        let offer;
-        (version.parameters, offer) = self.check_version(&version).await?;
+        version.parameters = self.check_version(&version).await?;
         let store = self.store_of_client();
         let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
@@ -197,7 +192,6 @@ impl Cases {
             is_new = submitted.created,
             "a version of a case was accepted"
         );
-        offer.keep_if(submitted.created);
         Ok(submitted)
     }
 
@@ -205,16 +199,16 @@ impl Cases {
         &self,
         upload: &Upload,
         parameters: Parameters,
-    ) -> Result<(Parameters, OfferedUpload), Error> {
+    ) -> Result<Parameters, Error> {
         let id = upload.case_id(&parameters);
         if self.is_accepted(&id).await? {
-            return Ok((parameters, OfferedUpload::default()));
+            return Ok(parameters);
         }
         let start = upload.volume.head(START_BYTES).await?;
-        let room = self.checks.enter(&start).await?;
+        let _room = self.checks.enter(&start).await?;
         // An equal upload may have been accepted meanwhile.
         if self.is_accepted(&id).await? {
-            return Ok((parameters, OfferedUpload::default()));
+            return Ok(parameters);
         }
         let mask = match &upload.mask {
             Some(mask) => Some(mask.read().await?),
@@ -225,16 +219,15 @@ impl Cases {
             mask,
             ..Source::default()
         };
-        let id = |parameters: &Parameters| Some(upload.case_id(parameters));
-        self.check(source, parameters, room, id).await
+        self.check(source, parameters).await
     }
 
-    async fn check_version(&self, version: &Version) -> Result<(Parameters, OfferedUpload), Error> {
+    async fn check_version(&self, version: &Version) -> Result<Parameters, Error> {
         let names = self.store().objects_of(&version.of).await?;
         let id = version.id(&names).ok_or(Error::NoSuchCase)?;
         let parameters = version.parameters.clone();
         if self.is_accepted(&id).await? {
-            return Ok((parameters, OfferedUpload::default()));
+            return Ok(parameters);
         }
         let source = self.library.source(&version.of, &names).await?;
         let mut source = source.ok_or_else(Failure::source_damaged)?;
@@ -246,9 +239,8 @@ impl Cases {
         let start = source
             .volume
             .slice(..source.volume.len().min(START_BYTES as usize));
-        let room = self.checks.enter(&start).await?;
-        let id = |parameters: &Parameters| version.id_with(&names, parameters);
-        self.check(source, parameters, room, id).await
+        let _room = self.checks.enter(&start).await?;
+        self.check(source, parameters).await
     }
 
     /// Whether a case was accepted before.
@@ -257,21 +249,11 @@ impl Cases {
         Ok(known.is_some_and(|case| case.state != CaseState::Failed))
     }
 
-    /// Rejects unusable uploads; returns the parameters for the preparation, and offers the volume to a worker.
-    async fn check(
-        &self,
-        source: Source,
-        parameters: Parameters,
-        room: OwnedSemaphorePermit,
-        id: impl Fn(&Parameters) -> Option<CaseId>,
-    ) -> Result<(Parameters, OfferedUpload), Error> {
+    /// Rejects unusable uploads; returns the parameters for the preparation.
+    async fn check(&self, source: Source, parameters: Parameters) -> Result<Parameters, Error> {
         let (limits, has_network) = (self.library.limits(), self.library.has_network());
         let check = move || check(&source, parameters, &limits, has_network);
-        let checked = self.queue.run(check).await??;
-        let decoded_uploads = self.library.decoded_uploads();
-        let offer =
-            id(&checked.parameters).map(|id| decoded_uploads.offer(id, checked.read, Some(room)));
-        Ok((checked.parameters, offer.unwrap_or_default()))
+        Ok(self.queue.run(check).await??)
     }
 }
 

@@ -3,7 +3,7 @@
 use case::{CaseId, CaseState, Contrast, Failure, Layer, LayerId, LayerKind, LayerParameters};
 use imaging::START_BYTES;
 use pipeline::layers::{LayerSource, check_layer};
-use storage::{LayerChange, LayerName, LayerUpload, StoreError, SubmittedLayer};
+use storage::{LayerChange, LayerName, LayerUpload, SubmittedLayer};
 
 use crate::application::Cases;
 use crate::dicom::{Choice, Options, SeriesView};
@@ -129,20 +129,13 @@ impl Cases {
                 .name
                 .map_or_else(|| LayerName::Usual(usual()), LayerName::Given),
             parameters: parameters.clone(),
-            most: self.max_layers,
         };
         let known = self.store().layer(&upload.case, &upload.id()).await?;
         if known.is_none() {
             self.check_layer(&upload).await?;
         }
-        let store = self.store_of_client();
-        match store.submit_layer(upload).await {
-            Ok(submitted) => Ok((submitted, choice)),
-            Err(StoreError::TooManyLayers) => Err(Error::TooManyLayers {
-                most: self.max_layers,
-            }),
-            Err(error) => Err(error.into()),
-        }
+        let submitted = self.store_of_client().submit_layer(upload).await?;
+        Ok((submitted, choice))
     }
 
     /// Rejects what cannot be a layer, before anything is stored.

@@ -5,7 +5,6 @@ mod application;
 pub mod cache;
 mod check_memory;
 mod client;
-mod decoded_uploads;
 pub mod dicom;
 mod error;
 pub mod findings;

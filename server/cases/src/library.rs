@@ -17,7 +17,6 @@ use std::sync::atomic::AtomicBool;
 pub use self::layers::LayerVoxels;
 pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
-use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use crate::removal::BeforeRemoval;
 use bytes::Bytes;
 use case::images::Image;
@@ -26,7 +25,7 @@ use case::{
     Quality,
 };
 use imaging::Limits;
-use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
+use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
@@ -58,10 +57,9 @@ impl Default for LibraryOptions {
 
 /// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
-/// The function also gets what was already read of the upload. It is told each step as it begins, and ends soon after the flag
-/// is raised.
+/// The function is told each step as it begins, and ends soon after the flag is raised.
 pub type PrepareFn = dyn Fn(
-        Input<'_>,
+        &Source,
         &Parameters,
         &Limits,
         &(dyn Fn(Progress) + Sync),
@@ -75,7 +73,7 @@ pub type PrepareFn = dyn Fn(
 pub struct Preparation {
     /// Whether there is a network that extracts brains.
     pub has_network: bool,
-    /// Whether it runs in a process of its own, which cannot take a volume that is read already.
+    /// Whether it runs in a process of its own.
     pub is_apart: bool,
     /// The function that prepares a case.
     pub prepare: Arc<PrepareFn>,
@@ -95,8 +93,8 @@ impl From<Pipeline> for Preparation {
         Self {
             has_network: pipeline.has_network(),
             is_apart: false,
-            prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
-                pipeline.derive(input, parameters, limits, observe, cancelled)
+            prepare: Arc::new(move |source, parameters, limits, observe, cancelled| {
+                pipeline.derive(source, parameters, limits, observe, cancelled)
             }),
         }
     }
@@ -127,8 +125,6 @@ struct Inner {
     dividing: tokio::sync::Mutex<()>,
     /// What is kept of cases.
     cache: CaseCache,
-    /// Volumes that were decoded for their check.
-    decoded_uploads: DecodedUploads,
     /// The memory of processes that read files and prepare cases.
     children: ChildMemory,
 }
@@ -142,7 +138,6 @@ impl Library {
         Self {
             store,
             inner: Arc::new(Inner {
-                decoded_uploads: DecodedUploads::new(!preparation.is_apart),
                 preparation,
                 children: ChildMemory::new(options.children),
                 options,
@@ -197,11 +192,6 @@ impl Library {
         self.inner.preparation.has_network
     }
 
-    /// Volumes that were decoded for their check, for the workers.
-    pub(crate) fn decoded_uploads(&self) -> &DecodedUploads {
-        &self.inner.decoded_uploads
-    }
-
     /// The memory of processes that read files and prepare cases.
     pub(crate) fn children(&self) -> &ChildMemory {
         &self.inner.children
@@ -218,18 +208,17 @@ impl Library {
     /// Prepares a case on the calling thread.
     pub(crate) fn prepare(
         &self,
-        input: Input<'_>,
+        source: &Source,
         parameters: &Parameters,
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         let prepare = &self.inner.preparation.prepare;
         let limits = &self.inner.options.limits;
-        prepare(input, parameters, limits, observe, cancelled)
+        prepare(source, parameters, limits, observe, cancelled)
     }
 
-    /// Makes a case from files in memory and queues its preparation. The parameters are [`settled`] first; what was read
-    /// for this is handed to an idle worker.
+    /// Makes a case from files in memory and queues its preparation. The parameters are [`settled`] first.
     ///
     /// # Errors
     /// As [`Store::submit`].
@@ -253,7 +242,7 @@ impl Library {
     ) -> Result<Submitted, StoreError> {
         let (limits, has_network) = (self.limits(), self.has_network());
         let settle = move || (settled(&source, parameters, &limits, has_network), source);
-        let ((parameters, read), source) = tokio::task::spawn_blocking(settle).await?;
+        let (parameters, source) = tokio::task::spawn_blocking(settle).await?;
         let volume = self.store().spool_all(source.volume).await?;
         let mask = match source.mask {
             Some(bytes) => Some(self.store().spool_all(bytes).await?),
@@ -269,13 +258,7 @@ impl Library {
             dicom,
             images,
         };
-        let id = upload.case_id(&parameters);
-        let offer = read.map_or_else(OfferedUpload::default, |read| {
-            self.decoded_uploads().offer(id, read, None)
-        });
-        let submitted = self.store().submit(upload, parameters, None).await?;
-        offer.keep_if(submitted.created);
-        Ok(submitted)
+        self.store().submit(upload, parameters, None).await
     }
 
     /// Reads derived objects of a ready case; `None` if it does not exist or is not ready.
@@ -338,19 +321,6 @@ impl Library {
             mask,
             dicom,
             brain: None,
-        }))
-    }
-
-    /// The inputs of a preparation except the volume and the mask, which are already decoded; as [`Library::source`].
-    pub(crate) async fn source_besides(
-        &self,
-        id: &CaseId,
-        names: &[ObjectName],
-    ) -> Result<Option<Source>, StoreError> {
-        let dicom = self.read_if_any(id, names, ObjectKind::SourceDicom).await?;
-        Ok(dicom.map(|dicom| Source {
-            dicom,
-            ..Source::default()
         }))
     }
 
@@ -448,7 +418,7 @@ impl Library {
             // Also if nobody waits any more.
             let _until_done = memory;
             let never = AtomicBool::new(false);
-            library.prepare((&source).into(), &parameters, &|_| {}, &never)
+            library.prepare(&source, &parameters, &|_| {}, &never)
         });
         Ok(derived.await?)
     }

@@ -192,6 +192,11 @@ mod tests {
         let quin = [("PatientID", ""), ("PatientName", "Quin^Three")];
         assert_eq!(patient(&zed), patient(&zed[1..]));
         assert_ne!(patient(&zed), patient(&quin));
+        // One script of the name is enough.
+        assert_eq!(
+            patient(&zed),
+            patient(&[("PatientName", "Zed^Two=山田^太郎")])
+        );
         // With an id, a name may be written in another way.
         let [before, after] = ["Zed^Two", "ZED^TWO"];
         let with_id = |name| patient(&[("PatientID", "P-1"), ("PatientName", name)]);

@@ -3,7 +3,6 @@
 //! Whoever knows how to do a kind of job implements [`Work`] and starts it in a lane of a [`Runner`]. A lane does one job at
 //! a time; a process never claims a kind that it does not know.
 
-use std::any::Any;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -53,11 +52,6 @@ pub trait Work: Send + Sync + 'static {
     /// Looks for what is to be done, before each look for a job of this kind.
     async fn look(&self, _store: &Store) -> Result<(), StoreError> {
         Ok(())
-    }
-
-    /// Told when there is nothing to do; what it returns is kept until there may be.
-    fn rest(&self) -> Option<Box<dyn Any + Send>> {
-        None
     }
 }
 
@@ -226,7 +220,6 @@ impl Lane {
                     }
                 }
             }
-            let _resting: Vec<_> = self.works.iter().map(|work| work.rest()).collect();
             tokio::select! {
                 () = until(&mut self.phase, Phase::Finishing) => {}
                 // The store holds the sender.

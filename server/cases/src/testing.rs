@@ -56,8 +56,8 @@ impl Fake {
         Preparation {
             has_network: true,
             is_apart: false,
-            prepare: Arc::new(move |input, _, _, observe, cancelled| {
-                fake.run(input.source, observe, cancelled)
+            prepare: Arc::new(move |source, _, _, observe, cancelled| {
+                fake.run(source, observe, cancelled)
             }),
         }
     }
@@ -167,7 +167,6 @@ pub fn application(store: Store, script: &str) -> Cases {
         prepares_apart: false,
         preparation_cpu_seconds: 120,
         makes_maps: false,
-        max_layers: 20,
         store: options(),
         network: None,
         atlas: AtlasChoice::Off,

@@ -4,15 +4,15 @@ use std::time::Duration;
 
 use access::audit::{Action, Event, EventKind, Outcome};
 use async_trait::async_trait;
-use axum::body::Bytes;
 use case::{Failure, JobKind};
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
 use storage::tables::series;
 
 use crate::node::NodeError;
-use crate::series::Contradiction;
+use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
+use crate::store::REJECTION_NOTE;
 use crate::transfer::{TransferError, end};
 use crate::values::{SEND, SentResult};
 
@@ -64,8 +64,8 @@ enum SendError {
     Lost,
     #[error("the store cannot be read at the moment")]
     Store,
-    #[error("{}", .0.sentence())]
-    Contradicted(Contradiction),
+    #[error("{0}")]
+    Contradicted(&'static str),
     #[error("the audit record of the server cannot be written")]
     NotRecorded,
 }
@@ -91,7 +91,7 @@ impl TransferError for SendError {
             Self::NoSuchNode => "no-such-node",
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
-            Self::Contradicted(why) => why.name(),
+            Self::Contradicted(_) => SEVERAL_PATIENTS,
             Self::Store => "store-failed",
             Self::NotRecorded => "audit-full",
         };
@@ -136,48 +136,40 @@ async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
         Unreadable::Store(_) | Unreadable::Missing => SendError::Store,
         Unreadable::Damaged(_) => SendError::Lost,
     })?;
-    may_leave(pacs, result, &file).await?;
+    may_leave(pacs, result).await?;
     Ok(node.store(&result.instance, &file).await?)
-}
-
-/// Whether the study that was named for a result of a case that is not DICOM is another patient's by now.
-async fn of_study(pacs: &Pacs, result: &SentResult) -> Result<Option<Contradiction>, cases::Error> {
-    match pacs.arrivals().patient_of(result.object).await? {
-        Some(named) => {
-            pacs.arrivals()
-                .contradiction_of_study(&result.study, &named)
-                .await
-        }
-        None => Ok(None),
-    }
-}
-
-fn contradicted(
-    found: Result<Option<Contradiction>, cases::Error>,
-) -> Result<Option<SendError>, SendError> {
-    let found = found.map_err(|_| SendError::Store)?;
-    Ok(found.map(SendError::Contradicted))
 }
 
 /// Refuses a result of a case whose series or study the PACS has as another patient's. A rejection note may leave all the same: it withdraws
 /// what was sent of the wrong patient. What is closed or withdrawn was refused when the job was claimed.
-async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(), SendError> {
-    let store = pacs.store();
-    let of_store = |_| SendError::Store;
-    let mut connection = store.connect().await.map_err(of_store)?;
-    let series = series::of_case(&mut connection, &result.case).await;
-    drop(connection);
-    let why = match series.map_err(of_store)? {
-        Some(series) => contradicted(pacs.arrivals().contradiction(&series).await)?,
-        None => contradicted(of_study(pacs, result).await)?,
-    };
-    let Some(why) = why else {
+async fn may_leave(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
+    if result.series.sop_class_uid.as_str() == REJECTION_NOTE {
         return Ok(());
-    };
-    let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
-    match pacs.cases().headers.read(&spooled).await {
-        Ok(identity) if identity.rejection.is_some() => Ok(()),
-        Ok(_) | Err(cases::Error::Failure(_)) => Err(why),
+    }
+    match contradiction(pacs, result).await {
+        Ok(None) => Ok(()),
+        Ok(Some(why)) => Err(SendError::Contradicted(why)),
         Err(_) => Err(SendError::Store),
+    }
+}
+
+/// Why the case of a result, or the study that was named for a case that is not DICOM, is another patient's by now.
+async fn contradiction(
+    pacs: &Pacs,
+    result: &SentResult,
+) -> Result<Option<&'static str>, cases::Error> {
+    let arrivals = pacs.arrivals();
+    let mut connection = pacs.store().connect().await?;
+    let series = series::of_case(&mut connection, &result.case).await?;
+    drop(connection);
+    if let Some(series) = series {
+        return arrivals.contradiction(&series).await;
+    }
+    match arrivals.patient_of(result.object).await? {
+        Some(named) => {
+            let study = &result.study;
+            arrivals.contradiction_of_study(study, &named).await
+        }
+        None => Ok(None),
     }
 }

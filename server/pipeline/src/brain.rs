@@ -66,11 +66,9 @@ impl Found {
     }
 }
 
-/// Finds the brain of an upload on the working grid, according to the parameters. `looked` is the result of
-/// [`Given::on_working_grid`] for the same upload and parameters, if it is known already.
+/// Finds the brain of an upload on the working grid, according to the parameters.
 pub(super) fn find_brain(
     source: &Source,
-    looked: Option<Option<Placed>>,
     volume: &Volume,
     how: How<'_>,
     steps: &mut Steps<'_>,
@@ -86,26 +84,16 @@ pub(super) fn find_brain(
         steps.begin(Stage::Mask)?;
         return Ok(found);
     }
-    let placed = match looked {
-        Some(placed) => {
-            steps.begin(stage_after(placed.is_some()))?;
-            placed
-        }
-        None => {
-            let given = given_mask(source, volume, parameters, how.limits)?;
-            steps.begin(stage_after(given.is_some()))?;
-            let placed = given.map(|given| given.on_working_grid(volume.grid()));
-            placed.transpose()?
-        }
-    };
-    let Some(placed) = placed else {
+    let Some(given) = given_mask(source, volume, parameters, how.limits)? else {
+        steps.begin(Stage::Extracting)?;
         return extracted(volume, parameters, extractor, steps);
     };
+    steps.begin(Stage::Mask)?;
     let Placed {
         mask,
         method,
         brain,
-    } = placed;
+    } = given.on_working_grid(volume.grid())?;
     let (closed, cuts) = closed(&brain, volume).map_err(from_extraction)?;
     let masked = Masked {
         mask: &mask,
@@ -138,14 +126,6 @@ pub(super) fn find_brain(
 /// Whether the parameters close a brain as it is closed for its rating.
 fn is_closed_so(parameters: &Parameters) -> bool {
     parameters.offset_mm == 0.0 && closing_radius_mm(parameters) == extraction::CLOSING_RADIUS_MM
-}
-
-/// The stage after reading: resampling a given mask to the working grid, or extracting the brain.
-fn stage_after(is_given: bool) -> Stage {
-    match is_given {
-        true => Stage::Mask,
-        false => Stage::Extracting,
-    }
 }
 
 /// The faces that cut a brain, adjusted for a later offset of its surface.

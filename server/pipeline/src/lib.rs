@@ -48,7 +48,7 @@ use self::steps::Steps;
 use self::voxels::voxel_facts;
 
 pub use self::affine::affine_of;
-pub use self::check::{Checked, Input, ReadSource, check, settled};
+pub use self::check::{check, settled};
 pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork, shipped};
 pub use self::head_limits::HeadLimits;
@@ -82,26 +82,13 @@ struct How<'a> {
     extractor: &'a Extractor,
 }
 
-/// Computes everything of a case, as [`Pipeline::prepare`] says, of what was read before if anything was.
-fn prepare(
-    Input { source, read }: Input<'_>,
-    how: How<'_>,
-    mut steps: Steps<'_>,
-) -> Result<Prepared, Failure> {
+/// Computes everything of a case, as [`Pipeline::prepare`].
+fn prepare(source: &Source, how: How<'_>, mut steps: Steps<'_>) -> Result<Prepared, Failure> {
     let parameters = how.parameters;
     parameters.check()?;
     steps.begin(Stage::Reading)?;
-    let (native, replaced, given) = match read {
-        Some(read) => {
-            steps.took_before(read.took);
-            (read.volume, read.replaced, Some(read.given))
-        }
-        None => {
-            let (native, replaced) = read_sound_volume(source, how.limits)?;
-            (native, replaced, None)
-        }
-    };
-    let mut found = find_brain(source, given, &native, how, &mut steps)?;
+    let (native, replaced) = read_sound_volume(source, how.limits)?;
+    let mut found = find_brain(source, &native, how, &mut steps)?;
     found.judge_source(native.grid(), replaced);
 
     steps.begin(Stage::Closing)?;
@@ -384,27 +371,12 @@ impl Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
-        self.prepare_read(source.into(), parameters, limits, observe, cancelled)
-    }
-
-    /// The same of an upload that may have been read when it was checked: then its volume and mask are not read again.
-    ///
-    /// # Errors
-    /// As [`Pipeline::prepare`].
-    pub fn prepare_read(
-        &self,
-        input: Input<'_>,
-        parameters: &Parameters,
-        limits: &Limits,
-        observe: &(dyn Fn(Progress) + Sync),
-        cancelled: &AtomicBool,
-    ) -> Result<Prepared, Failure> {
         let how = How {
             parameters,
             limits,
             extractor: &self.extractor,
         };
-        self.on_its_threads(|| prepare(input, how, Steps::new(observe, cancelled)))
+        self.on_its_threads(|| prepare(source, how, Steps::new(observe, cancelled)))
     }
 
     /// The same, encoded for the store.
@@ -413,7 +385,7 @@ impl Pipeline {
     /// As [`Pipeline::prepare`].
     pub fn derive(
         &self,
-        input: Input<'_>,
+        source: &Source,
         parameters: &Parameters,
         limits: &Limits,
         observe: &(dyn Fn(Progress) + Sync),
@@ -424,7 +396,9 @@ impl Pipeline {
             limits,
             extractor: &self.extractor,
         };
-        self.on_its_threads(|| prepare(input, how, Steps::new(observe, cancelled)).map(Derived::of))
+        self.on_its_threads(|| {
+            prepare(source, how, Steps::new(observe, cancelled)).map(Derived::of)
+        })
     }
 
     fn on_its_threads<T: Send>(

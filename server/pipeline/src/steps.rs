@@ -1,7 +1,7 @@
 //! Progress, timings and cancellation between the steps of a preparation.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use case::{Failure, Progress, Stage};
 
@@ -40,13 +40,6 @@ impl<'a> Steps<'a> {
         });
         self.begun.push((stage, Instant::now()));
         Ok(())
-    }
-
-    /// Part of the stage that has just begun was done before, and took so long.
-    pub(super) fn took_before(&mut self, took: Duration) {
-        if let Some((_, begun)) = self.begun.last_mut() {
-            *begun = begun.checked_sub(took).unwrap_or(*begun);
-        }
     }
 
     /// A step within a stage begins.

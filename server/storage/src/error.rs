@@ -60,12 +60,6 @@ pub enum StoreError {
         /// The newest schema that this version knows.
         known: i64,
     },
-    /// The rows were written before version 0.1.0.
-    #[error(
-        "the store was written by a version of Isocortex before 0.1.0, which this version cannot read: \
-         use another directory, and upload the volumes again"
-    )]
-    OlderSchema,
     /// There is no store at a location.
     #[error(
         "there is no store here: {0}. Is the folder mounted, and is the address right? `isocortex init-store`, with the same options, makes a new store"

@@ -1,7 +1,7 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use case::images::Image;
-use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Layer, LayerId, LayerParameters, MAX_LAYERS, ObjectKind};
 
 use super::pinned::Writing;
 use super::rows::{LayerName, NewLayer, Pinned};
@@ -24,8 +24,6 @@ pub struct LayerUpload {
     pub images: Vec<Image>,
     pub name: LayerName,
     pub parameters: LayerParameters,
-    /// How many layers a case may have.
-    pub most: usize,
 }
 
 impl LayerUpload {
@@ -99,7 +97,7 @@ impl Store {
                 series: upload.series.clone(),
                 images: upload.images.clone(),
                 sources,
-                most: upload.most,
+                most: MAX_LAYERS,
                 queue_limit: self.options().queue_limit,
                 client: self.client.to_string(),
             };

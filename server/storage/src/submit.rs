@@ -69,12 +69,7 @@ impl Version {
 
     /// The name of the version, given the objects of the case; `None` if there is no volume among them.
     pub fn id(&self, of: &[ObjectName]) -> Option<CaseId> {
-        self.id_with(of, &self.parameters)
-    }
-
-    /// Its name with other parameters.
-    pub fn id_with(&self, of: &[ObjectName], parameters: &Parameters) -> Option<CaseId> {
-        id_of(&self.sources(of), parameters)
+        id_of(&self.sources(of), &self.parameters)
     }
 }
 

@@ -217,8 +217,8 @@ fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
         let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
         read_file(file, order.max_file_bytes)
     };
-    let each = (0..order.count).map(|number| dicom::metadata(&read(number)?));
-    Ok(StoredOutcome::Metadata(each.collect::<Result<_, _>>()?))
+    let each = (0..order.count).map(|number| dicom::attributes(&read(number)?));
+    Ok(StoredOutcome::Read(each.collect::<Result<_, _>>()?))
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits.

@@ -67,7 +67,7 @@ pub(crate) struct StoredOrder {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(crate) enum StoredOutcome {
-    Metadata(Vec<serde_json::Value>),
+    Read(Vec<Attributes>),
     Refused(Failure),
 }
 

@@ -15,7 +15,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use case::{CaseFacts, Failure, FailureKind, ObjectKind, Parameters, Progress};
 use imaging::Limits;
-use pipeline::{Derived, Extractor, Input, Pipeline, Source, StoredBrain};
+use pipeline::{Derived, Extractor, Pipeline, Source, StoredBrain};
 use serde::{Deserialize, Serialize};
 
 use crate::confine::{Instead, Needs, confine, said};
@@ -88,7 +88,7 @@ impl PrepareProcess {
     /// What the process says is wrong, or how it died.
     pub fn prepare(
         &self,
-        input: &Input<'_>,
+        source: &Source,
         parameters: &Parameters,
         limits: &Limits,
         (observe, cancelled): (&(dyn Fn(Progress) + Sync), &AtomicBool),
@@ -97,22 +97,17 @@ impl PrepareProcess {
             .prefix("prepare-")
             .tempdir_in(&self.scratch)
             .map_err(|error| cannot_run(&error))?;
-        let [source, output] = ["source", "output"].map(|name| folder.path().join(name));
         let order = PrepareOrder {
-            brain: input
-                .source
-                .brain
-                .as_ref()
-                .map(|brain| (brain.quality.clone(), brain.cuts.clone())),
-            source,
-            output,
+            brain: (source.brain.as_ref()).map(|brain| (brain.quality.clone(), brain.cuts.clone())),
+            source: folder.path().join("source"),
+            output: folder.path().join("output"),
             parameters: parameters.clone(),
             max_voxels: limits.max_voxels,
             network: self.network.clone(),
             threads: self.threads,
             cpu_seconds: self.cpu_seconds,
         };
-        let ended = write_source(&order, input.source)
+        let ended = write_source(&order, source)
             .and_then(|()| self.run(&order, observe, cancelled))
             .map_err(|error| cannot_run(&error))?;
         if !ended.success() {
@@ -285,9 +280,8 @@ pub fn prepare_by(program: Program, volume: Bytes, scratch: &Path) -> Result<Der
         volume,
         ..Source::default()
     };
-    let (input, never) = (Input::from(&source), AtomicBool::new(false));
-    let limits = Limits::default();
-    process.prepare(&input, &Parameters::default(), &limits, (&|_| {}, &never))
+    let (limits, never) = (Limits::default(), AtomicBool::new(false));
+    process.prepare(&source, &Parameters::default(), &limits, (&|_| {}, &never))
 }
 
 /// In the process: prepares the case, or runs other code in place of this.
@@ -340,13 +334,7 @@ pub(crate) fn prepare(order: &PrepareOrder, instead: Option<Instead<'_>>) -> io:
     };
     let pipeline = Pipeline::new(extractor).with_threads(order.threads);
     let never = AtomicBool::new(false);
-    let derived = pipeline.derive(
-        (&source).into(),
-        &order.parameters,
-        &limits,
-        &observe,
-        &never,
-    );
+    let derived = pipeline.derive(&source, &order.parameters, &limits, &observe, &never);
     let outcome = match derived {
         Ok(derived) => {
             for (kind, bytes) in &derived.objects {

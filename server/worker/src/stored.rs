@@ -3,7 +3,7 @@
 use std::process::ExitStatus;
 
 use case::Failure;
-use serde_json::Value;
+use imaging::dicom::Attributes;
 use tempfile::TempDir;
 
 use crate::error::Error;
@@ -16,17 +16,17 @@ use crate::reader::{SeriesReader, checked_failure, died, read_json_of};
 const MAX_OUTCOME_BYTES: u64 = 256 << 20;
 
 impl SeriesReader {
-    /// The attributes of the files of a directory, named by their numbers from 0, as DICOM JSON. The other directory is empty.
+    /// The attributes of the files of a directory, named by their numbers from 0. The other directory is empty.
     ///
     /// # Errors
     /// A [`Failure`] that states what is wrong with a file; [`Error::NotRun`].
-    pub async fn metadata(
+    pub async fn attributes(
         &self,
         folders: (TempDir, TempDir),
         count: usize,
-    ) -> Result<Vec<Value>, Error> {
+    ) -> Result<Vec<Attributes>, Error> {
         match self.read_files(folders, count).await? {
-            StoredOutcome::Metadata(all) if all.len() == count => Ok(all),
+            StoredOutcome::Read(all) if all.len() == count => Ok(all),
             _ => Err(died().into()),
         }
     }

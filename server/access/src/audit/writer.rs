@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use futures_channel::oneshot;
 use jiff::Timestamp;
+use serde::Deserialize;
 
 use crate::audit::event::{Action, Event, EventKind};
 use crate::audit::found::others;
@@ -30,13 +31,23 @@ const LOOKED_AT: usize = 1 << 16;
 /// Seconds of a day.
 const DAY: i64 = 86_400;
 
-/// Where and how events are recorded.
-#[derive(Debug, Clone)]
+/// Where and how events are recorded; `[audit]` of the configuration.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Options {
-    /// The folder of the files. It must exist.
-    pub folder: PathBuf,
+    /// The folder of the files, which must exist. Without one, nothing is recorded.
+    pub folder: Option<PathBuf>,
     /// The size beyond which another file is begun, in bytes.
     pub max_file_bytes: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            folder: None,
+            max_file_bytes: 64 << 20,
+        }
+    }
 }
 
 /// An event cannot be recorded.
@@ -44,7 +55,7 @@ pub struct Options {
 #[error("the audit record cannot be written")]
 pub struct CannotRecord;
 
-/// Records events; without options it records nothing. Cheap to clone.
+/// Records events; without a folder it records nothing. Cheap to clone.
 #[derive(Debug, Clone, Default)]
 pub struct Audit(Option<Arc<Inner>>);
 
@@ -88,13 +99,16 @@ struct Waiting {
 }
 
 impl Audit {
-    /// Begins a record in files of its own.
+    /// Begins a record in files of its own, if there is a folder for it.
     ///
     /// # Errors
     /// If a file cannot be made in the folder.
     pub fn start(options: Options) -> io::Result<Self> {
+        let Some(folder) = options.folder else {
+            return Ok(Self::default());
+        };
         let is_full = Arc::new(AtomicBool::new(false));
-        let writer = Writer::start(options, is_full.clone())?;
+        let writer = Writer::start(folder, options.max_file_bytes, is_full.clone())?;
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::Builder::new().name("audit".to_owned());
         let thread = thread.spawn(move || writer.run(&receiver))?;
@@ -191,7 +205,8 @@ impl LookedAt {
 
 #[derive(Debug)]
 struct Writer {
-    options: Options,
+    folder: PathBuf,
+    max_file_bytes: u64,
     process: String,
     is_full: Arc<AtomicBool>,
     file: File,
@@ -203,13 +218,14 @@ struct Writer {
 }
 
 impl Writer {
-    fn start(options: Options, is_full: Arc<AtomicBool>) -> io::Result<Self> {
+    fn start(folder: PathBuf, max_file_bytes: u64, is_full: Arc<AtomicBool>) -> io::Result<Self> {
         let began = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
         let process = format!("{began}-{:08x}", RandomState::new().hash_one(0) as u32);
         let number = 1;
         let mut writer = Self {
-            file: make_file(&options.folder, &process, number)?,
-            options,
+            file: make_file(&folder, &process, number)?,
+            folder,
+            max_file_bytes,
             process,
             is_full,
             number,
@@ -293,7 +309,7 @@ impl Writer {
     fn append(&mut self, waiting: &[Waiting]) -> io::Result<()> {
         if self.is_gone()? {
             self.begin_file()?;
-        } else if self.length >= self.options.max_file_bytes
+        } else if self.length >= self.max_file_bytes
             && let Err(error) = self.begin_file()
         {
             // If there is no room for another file, this one grows.
@@ -301,7 +317,7 @@ impl Writer {
         }
         let (mut lines, mut at) = (Vec::new(), self.at.clone());
         let others = match self.length {
-            0 if self.number == 1 => others(&self.options.folder, &self.process),
+            0 if self.number == 1 => others(&self.folder, &self.process),
             _ => Vec::new(),
         };
         for one in waiting {
@@ -327,7 +343,7 @@ impl Writer {
 
     /// Goes on in another file, which gets its first line at once.
     fn begin_file(&mut self) -> io::Result<()> {
-        self.file = make_file(&self.options.folder, &self.process, self.number + 1)?;
+        self.file = make_file(&self.folder, &self.process, self.number + 1)?;
         self.number += 1;
         self.length = 0;
         Ok(())
@@ -338,7 +354,7 @@ impl Writer {
     fn is_gone(&self) -> io::Result<bool> {
         use std::os::unix::fs::MetadataExt as _;
         let ours = self.file.metadata()?;
-        let path = path_of(&self.options.folder, &self.process, self.number);
+        let path = path_of(&self.folder, &self.process, self.number);
         let there = std::fs::symlink_metadata(path);
         Ok(!there.is_ok_and(|there| (there.dev(), there.ino()) == (ours.dev(), ours.ino())))
     }
@@ -403,7 +419,7 @@ mod tests {
 
     fn audit(folder: &Path, max_file_bytes: u64) -> Audit {
         let options = Options {
-            folder: folder.to_owned(),
+            folder: Some(folder.to_owned()),
             max_file_bytes,
         };
         Audit::start(options).unwrap()
@@ -497,9 +513,9 @@ mod tests {
     #[test]
     fn a_record_is_whole_after_each_event_and_a_file_begins_with_its_first_line() {
         let folder = tempfile::tempdir().unwrap();
-        let audit = audit(folder.path(), 3000);
+        let first = audit(folder.path(), 3000);
         for _ in 0..60 {
-            wait(audit.record(event("export"))).unwrap();
+            wait(first.record(event("export"))).unwrap();
             let verified = verify(folder.path()).unwrap();
             assert_eq!(verified.breaks, []);
             for file in std::fs::read_dir(folder.path()).unwrap() {
@@ -512,11 +528,7 @@ mod tests {
         let next = path_of(folder.path(), &last.0, last.1.len() as u32 + 1);
         std::fs::write(next, "").unwrap();
         assert_eq!(verify(folder.path()).unwrap().breaks, []);
-        let later = Audit::start(Options {
-            folder: folder.path().to_owned(),
-            max_file_bytes: 3000,
-        })
-        .unwrap();
+        let later = audit(folder.path(), 3000);
         later.shut_down();
         assert_eq!(verify(folder.path()).unwrap().breaks, []);
     }

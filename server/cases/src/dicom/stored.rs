@@ -1,28 +1,29 @@
-//! Reads the attributes of stored images.
+//! Reads the patients of stored images.
 
-use serde_json::Value;
 use storage::{ObjectName, Store, StoreError, Unreadable};
 use tempfile::TempDir;
 
 use crate::application::Cases;
 use crate::error::Error;
+use crate::patient::Patient;
 
 impl Cases {
-    /// The attributes of stored images as DICOM JSON; `None` if one is lost.
+    /// The patients of stored images; `None` if one is lost.
     ///
     /// # Errors
     /// A [`Failure`](case::Failure) that states what is wrong with an image, [`Error::Busy`] if too many clients wait, or an error of
     /// the store.
-    pub async fn stored_metadata(&self, names: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
+    pub async fn patients_of(&self, names: &[ObjectName]) -> Result<Option<Vec<Patient>>, Error> {
         let input = self.store().spool_directory().await?;
         if !copy_objects(self.store(), names, &input).await? {
             return Ok(None);
         }
         let _turn = self.dicom.limit.turn().await?;
         let folders = (input, self.store().spool_directory().await?);
-        Ok(Some(
-            self.dicom.reader.metadata(folders, names.len()).await?,
-        ))
+        let read = self.dicom.reader.attributes(folders, names.len()).await?;
+        let stated = read.iter();
+        let patients = stated.map(|stated| Patient::of(|keyword| stated.value(keyword)));
+        Ok(Some(patients.collect()))
     }
 }
 

@@ -1,9 +1,8 @@
-use std::any::Any;
 use std::sync::atomic::AtomicBool;
 
 use async_trait::async_trait;
 use case::{Case, Failure, FailureKind, JobKind, Progress, Stage};
-use pipeline::{Derived, Input};
+use pipeline::Derived;
 use storage::{Count, Published, Publisher, StoreError, frame_all};
 
 use super::headers::contradicts_header;
@@ -62,10 +61,6 @@ impl Work for PrepareCase {
         }
         Ok(End::Settled)
     }
-
-    fn rest(&self) -> Option<Box<dyn Any + Send>> {
-        Some(Box::new(self.0.decoded_uploads().idle()))
-    }
 }
 
 impl PrepareCase {
@@ -74,11 +69,7 @@ impl PrepareCase {
         let (library, id) = (&self.0, case.id);
         let mut names = library.store().objects_of(&id).await?;
         names.retain(|name| name.kind.is_source());
-        let read = library.decoded_uploads().take(&id);
-        let source = match &read {
-            Some(_) => library.source_besides(&id, &names).await?,
-            None => library.source(&id, &names).await?,
-        };
+        let source = library.source(&id, &names).await?;
         let source = source.ok_or_else(|| Failed::Forever(Failure::source_damaged()))?;
         let (report, is_cancelled) = (job.reporter(), job.is_cancelled());
         let memory = library.memory_to_prepare().await;
@@ -90,12 +81,8 @@ impl PrepareCase {
                 report(&now);
                 library.store().signals().progress(&id, Some(now));
             };
-            let input = Input {
-                source: &source,
-                read,
-            };
             let cancelled: &AtomicBool = &is_cancelled;
-            library.prepare(input, &case.parameters, &observe, cancelled)
+            library.prepare(&source, &case.parameters, &observe, cancelled)
         };
         match tokio::task::spawn_blocking(derive).await {
             Ok(derived) => derived.map_err(|failure| match failure.kind {

@@ -5,6 +5,9 @@ use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
+use super::DicomError;
+use super::header::parse;
+use super::scan::scan;
 use super::sequences::SEQUENCES;
 
 /// Attributes that describe the pixels and their position.
@@ -189,6 +192,18 @@ pub struct Instance {
 /// The tags and keywords of the attributes that are stored with a case.
 pub(super) fn kept_tags() -> impl Iterator<Item = (Tag, &'static str)> {
     KEPT.into_iter()
+}
+
+/// What a file states of the attributes that are stored with a case; nothing of its images.
+///
+/// # Errors
+/// If the file is damaged before its pixels.
+pub fn attributes(file: &[u8]) -> Result<Attributes, DicomError> {
+    let object = parse(&scan(file, &wanted())?)?;
+    Ok(Attributes {
+        attributes: kept(&object),
+        ..Attributes::default()
+    })
 }
 
 /// The values of the stored attributes.

@@ -12,7 +12,7 @@ use super::fingerprint::{Fingerprint, Unfinished};
 use super::header::{Frame, Image, parse, read_image, stated_place};
 use super::loss::lost;
 use super::pixels::for_each_frame;
-use super::scan::{Scanned, Wanted, scan, scan_as_far_as_sound};
+use super::scan::{Scanned, scan, scan_as_far_as_sound};
 use super::series::token_of;
 use super::stack::{FrameIndex, Stack, stack};
 use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary, UnreadFile};
@@ -250,7 +250,7 @@ fn image_of(
             reason: fault.to_string(),
         })
     };
-    let scanned = scan_as_far_as_sound(bytes, Wanted::These(wanted));
+    let scanned = scan_as_far_as_sound(bytes, wanted);
     let (scanned, fault) = scanned.map_err(|fault| unread(None, &fault))?;
     match fault {
         Some(fault) => Err(unread(Some(&scanned), &fault)),

@@ -35,31 +35,6 @@ const ITEM_END: Tag = Tag(0xFFFE, 0xE00D);
 const SEQUENCE_END: Tag = Tag(0xFFFE, 0xE0DD);
 const UNDEFINED: u32 = u32::MAX;
 
-/// Which elements are kept.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Wanted<'a> {
-    /// Those with these tags, which are sorted.
-    These(&'a [Tag]),
-    /// Those of the standard, without binary values.
-    Texts,
-}
-
-impl Wanted<'_> {
-    fn wants(self, tag: Tag) -> bool {
-        match self {
-            Self::These(tags) => tags.binary_search(&tag).is_ok(),
-            // Private groups are odd. Curves (50xx) and overlays (60xx) are pixels of a kind; functional groups (5200) are not.
-            Self::Texts => tag.0.is_multiple_of(2) && !matches!(tag.0 >> 8, 0x50 | 0x60),
-        }
-    }
-
-    /// Whether a value of this representation is dropped.
-    fn drops(self, vr: Option<[u8; 2]>) -> bool {
-        let is_binary = |vr: [u8; 2]| vr[0] == b'O' || vr == *b"UN";
-        matches!(self, Self::Texts) && vr.is_some_and(is_binary)
-    }
-}
-
 /// A file with a sound structure.
 pub(crate) struct Scanned<'a> {
     pub(crate) syntax: Syntax,
@@ -112,27 +87,19 @@ impl Scanned<'_> {
 /// # Errors
 /// If a length exceeds the file or its sequence, or sequences are nested too deeply.
 pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, DicomError> {
-    scan_for(file, Wanted::These(wanted))
-}
-
-/// As [`scan`].
-///
-/// # Errors
-/// As [`scan`].
-pub(crate) fn scan_for<'a>(file: &'a [u8], wanted: Wanted) -> Result<Scanned<'a>, DicomError> {
     match scan_as_far_as_sound(file, wanted)? {
         (scanned, None) => Ok(scanned),
         (_, Some(fault)) => Err(fault),
     }
 }
 
-/// As [`scan_for`]; of a damaged data set, what comes before the damage, and what the damage is.
+/// As [`scan`]; of a damaged data set, what comes before the damage, and what the damage is.
 ///
 /// # Errors
 /// If the file meta information is damaged.
 pub(crate) fn scan_as_far_as_sound<'a>(
     file: &'a [u8],
-    wanted: Wanted,
+    wanted: &[Tag],
 ) -> Result<(Scanned<'a>, Option<DicomError>), DicomError> {
     let Meta { syntax, start, .. } = read_meta(file)?;
     let rest = &file[start..];
@@ -452,7 +419,8 @@ struct Walk<'a> {
     encoding: Encoding,
     /// The encoding of the data set and of the header.
     written: Encoding,
-    wanted: Wanted<'a>,
+    /// The tags of the elements that are kept, sorted.
+    wanted: &'a [Tag],
     header: Vec<u8>,
     character_sets: Vec<Range<usize>>,
     has_real_pixels: bool,
@@ -466,10 +434,6 @@ impl Walk<'_> {
             bytes: self.bytes,
             encoding,
         }
-    }
-
-    fn wants(&self, tag: Tag) -> bool {
-        self.wanted.wants(tag)
     }
 
     /// Walks up to the pixels, or to the end.
@@ -489,7 +453,7 @@ impl Walk<'_> {
                 }
                 _ => {}
             }
-            let keep = self.wants(element.tag);
+            let keep = self.wanted.binary_search(&element.tag).is_ok();
             at = self.element(at, end, keep, 0)?;
             self.sound = (self.header.len(), self.character_sets.len());
         }
@@ -519,7 +483,7 @@ impl Walk<'_> {
         };
         let is_sequence = element.is_sequence() || self.is_known_sequence(&element);
         let is_unread_sequence = !is_sequence && element.vr.is_some() && vr == Some(*b"SQ");
-        let keep = keep && !is_unread_sequence && !self.wanted.drops(vr);
+        let keep = keep && !is_unread_sequence;
         match (is_sequence, keep) {
             (false, true) => {
                 let range = element.value_range(end)?;
@@ -645,7 +609,7 @@ impl Walk<'_> {
         }
         self.contents(item, end, ITEM_END, |walk, at, end| {
             let element = walk.elements(walk.encoding).element(at, end)?;
-            let keep = keep && walk.wants(element.tag);
+            let keep = keep && walk.wanted.binary_search(&element.tag).is_ok();
             walk.element(at, end, keep, depth + 1)
         })
     }

@@ -11,11 +11,10 @@ use clap::Args;
 use imaging::sniff;
 use pipeline::Limits;
 use pipeline::layers::{LayerSource, check_layer};
-use storage::{LayerName, LayerUpload, Store, StoreError};
+use storage::{LayerName, LayerUpload, Store};
 
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, choices, head_of, read_input};
-use crate::config::Config;
 
 /// Further volumes of the same head.
 #[derive(Debug, Args)]
@@ -186,16 +185,9 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
         images,
         name: LayerName::Usual(file.name),
         parameters,
-        most: Config::default().limits.max_layers,
     };
-    match store.submit_layer(upload).await {
-        Ok(submitted) => Ok(submitted.layer),
-        Err(StoreError::TooManyLayers) => {
-            let most = Config::default().limits.max_layers;
-            Err(cases::Error::TooManyLayers { most }.into())
-        }
-        Err(error) => Err(cases::Error::from(error).into()),
-    }
+    let submitted = store.submit_layer(upload).await;
+    Ok(submitted.map_err(cases::Error::from)?.layer)
 }
 
 /// Waits until a layer is ready.

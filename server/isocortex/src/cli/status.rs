@@ -112,7 +112,7 @@ impl From<Error> for CliError {
         let status = match &error {
             Error::Parameter { .. } => ExitStatus::Usage,
             Error::NoSuchCase | Error::NoSuchLayer => ExitStatus::NoInput,
-            Error::TooManyLayers { .. } | Error::LayerNameTaken => ExitStatus::BadInput,
+            Error::TooManyLayers | Error::LayerNameTaken => ExitStatus::BadInput,
             Error::Failure(failure) => return failure.clone().into(),
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
                 ExitStatus::Unavailable

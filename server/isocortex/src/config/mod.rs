@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use access::audit::Audit;
+use access::audit::{self, Audit};
 use access::auth::{Access, BadToken, unnamed};
 use access::origins::{NotAnOrigin, Origins};
-use access::proxy::{BadProxy, SignInProxy};
+use access::proxy::{BadProxy, ProxyOptions, SignInProxy};
 use access::tokens::NamedToken;
 use cases::BeforeRemoval;
 use cases::pictures::GraphicsOptions;
@@ -29,10 +29,9 @@ use worker::{ChildBudget, Program};
 
 use crate::logs::LogFormat;
 
-pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
+pub use self::pacs::{Dimse, Node, Pacs, Peer};
 pub use self::sections::{
-    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Proxy, Render,
-    Secret, Storage,
+    DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -57,7 +56,7 @@ pub struct Config {
     /// The log lines to write: a level, and levels of targets.
     pub log: String,
     /// The record of who does what.
-    pub audit: AuditFiles,
+    pub audit: audit::Options,
     /// The server: address and access.
     pub http: Http,
     /// Limits on uploads and queues.
@@ -68,7 +67,7 @@ pub struct Config {
     pub pacs: Pacs,
     pub prepare: Prepare,
     /// The proxy by which people sign in, if there is one.
-    pub proxy: Option<Proxy>,
+    pub proxy: Option<ProxyOptions>,
     pub render: Render,
     pub storage: Storage,
     /// The file that this was read from, if it was.
@@ -87,7 +86,7 @@ impl Default for Config {
         Self {
             log_format: LogFormat::Text,
             log: "info".to_owned(),
-            audit: AuditFiles::default(),
+            audit: audit::Options::default(),
             http: Http::default(),
             limits: Limits::default(),
             page: Page::default(),
@@ -288,7 +287,7 @@ impl Config {
         if let Some(Network(network)) = trusted.iter().find(|it| it.0.prefix_len() == 0) {
             return Err(ConfigError::ProxyOfEverybody { network: *network });
         }
-        Ok(Some(SignInProxy::new(proxy.options())?))
+        Ok(Some(SignInProxy::new(proxy.clone())?))
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.
@@ -404,17 +403,7 @@ impl Config {
     /// # Errors
     /// If nothing can be written there.
     pub fn audit(&self) -> Result<Audit, ConfigError> {
-        let Some(folder) = &self.audit.folder else {
-            return Ok(Audit::default());
-        };
-        let options = access::audit::Options {
-            folder: folder.clone(),
-            max_file_bytes: self.audit.max_file_bytes,
-        };
-        Audit::start(options).map_err(|source| ConfigError::Audit {
-            folder: folder.clone(),
-            source,
-        })
+        Audit::start(self.audit.clone()).map_err(|source| self.not_recorded(source))
     }
 
     /// Checks that something can be written in the folder of the record, without beginning one.
@@ -422,13 +411,17 @@ impl Config {
     /// # Errors
     /// If nothing can.
     pub fn check_audit(&self) -> Result<(), ConfigError> {
-        let Some(folder) = &self.audit.folder else {
-            return Ok(());
-        };
-        access::audit::check_folder(folder).map_err(|source| ConfigError::Audit {
-            folder: folder.clone(),
+        match &self.audit.folder {
+            Some(folder) => audit::check_folder(folder).map_err(|source| self.not_recorded(source)),
+            None => Ok(()),
+        }
+    }
+
+    fn not_recorded(&self, source: std::io::Error) -> ConfigError {
+        ConfigError::Audit {
+            folder: self.audit.folder.clone().unwrap_or_default(),
             source,
-        })
+        }
     }
 
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
@@ -453,19 +446,10 @@ impl Config {
                 "limits.max_queued_cases",
                 self.limits.max_queued_cases as u64,
             ),
-            (
-                "limits.preparation_threads",
-                self.limits.preparation_threads as u64,
-            ),
             ("prepare.max_secs", self.prepare.max_secs),
             ("prepare.max_cpu_secs", self.prepare.max_cpu_secs),
             ("render.threads", self.render.threads as u64),
-            (
-                "limits.max_queued_renders",
-                self.limits.max_queued_renders as u64,
-            ),
             ("http.max_connections", self.http.max_connections as u64),
-            ("http.max_uploads", self.http.max_uploads as u64),
             ("storage.keep_days", self.storage.keep_days.unwrap_or(1)),
         ];
         let mut counts = counts.into_iter().chain(self.pacs.counts());
@@ -624,11 +608,10 @@ impl Config {
             max_queued_renders: self.limits.max_queued_renders,
             cache_bytes: self.render.cache_bytes,
             children: self.children()?,
-            preparation_threads: self.limits.preparation_threads,
+            preparation_threads: sections::cores(),
             prepares_apart: self.prepares_apart,
             preparation_cpu_seconds: self.prepare.max_cpu_secs,
             makes_maps: self.limits.maps == MapsUse::On,
-            max_layers: self.limits.max_layers,
             graphics: GraphicsOptions {
                 use_of: self.render.gpu,
                 at_a_time: self.render.threads,

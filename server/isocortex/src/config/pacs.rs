@@ -28,7 +28,7 @@ pub struct Pacs {
     /// Whether no identity of a patient is kept, of images and of uploads.
     pub deidentify: bool,
     /// Which series become cases.
-    pub series: SeriesUse,
+    pub series: SeriesRule,
     /// Whether objects that are no MR or CT images, such as reports, are accepted and not kept; otherwise they are refused.
     pub ignore_other_objects: bool,
     /// The zone of the dates and times of sources that do not state it: an offset such as `-03:00`, or a name such as
@@ -39,24 +39,13 @@ pub struct Pacs {
     pub nodes: Vec<Node>,
 }
 
-/// Which series become cases.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SeriesUse {
-    /// Series that are T1-weighted by their name or their timing.
-    #[default]
-    T1,
-    /// All that make a volume.
-    Any,
-}
-
 impl Default for Pacs {
     fn default() -> Self {
         Self {
             stable_seconds: 20,
             keep_days: 3,
             deidentify: false,
-            series: SeriesUse::default(),
+            series: SeriesRule::default(),
             ignore_other_objects: true,
             time_zone: None,
             dimse: Dimse::default(),
@@ -191,10 +180,7 @@ impl Pacs {
         ArrivalOptions {
             stable: Duration::from_secs(self.stable_seconds),
             keep: Duration::from_secs(self.keep_days.saturating_mul(SECONDS_PER_DAY)),
-            series: match self.series {
-                SeriesUse::T1 => SeriesRule::T1,
-                SeriesUse::Any => SeriesRule::Any,
-            },
+            series: self.series,
         }
     }
 

@@ -1,12 +1,9 @@
 //! The sections of a configuration, each with its defaults. The keys of the file are the names of the fields.
 
-use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use access::proxy::ProxyOptions;
-use access::scopes::Role;
 use cases::pictures::GpuUse;
 use http::timeouts::Timeouts;
 use ipnet::IpNet;
@@ -42,9 +39,10 @@ pub struct Http {
     pub max_connections: usize,
     /// The addresses or networks of the proxies that name the client in `X-Forwarded-For`.
     pub trusted_proxies: Vec<Network>,
-    /// Uploads at a time.
+    /// Uploads at a time; no key.
+    #[serde(skip)]
     pub max_uploads: usize,
-    /// How long clients may take, which is no key.
+    /// How long clients may take; no key.
     #[serde(skip)]
     pub timeouts: Timeouts,
 }
@@ -98,63 +96,8 @@ impl FromStr for Network {
 }
 
 /// The number of CPU cores.
-fn cores() -> usize {
+pub(super) fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// `[audit]`: the record of who does what.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct AuditFiles {
-    /// The folder of its files, which must exist. Without one, nothing is recorded.
-    pub folder: Option<PathBuf>,
-    /// The size beyond which another file is begun, in bytes.
-    pub max_file_bytes: u64,
-}
-
-impl Default for AuditFiles {
-    fn default() -> Self {
-        Self {
-            folder: None,
-            max_file_bytes: 64 << 20,
-        }
-    }
-}
-
-/// `[proxy]`: a proxy that signs people in, and names them in headers.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Proxy {
-    /// The header with the name of the user.
-    pub user_header: String,
-    /// The header with the groups of the user. Without one, `roles` are of users.
-    pub groups_header: Option<String>,
-    /// What is between two groups.
-    #[serde(default = "default_separator")]
-    pub separator: char,
-    /// The role of each group. Without one, the groups are the names of roles.
-    #[serde(default)]
-    pub roles: BTreeMap<String, Role>,
-    /// Where the proxy signs people out: a path, or an address.
-    pub sign_out: Option<String>,
-    /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
-    pub socket: Option<PathBuf>,
-}
-
-fn default_separator() -> char {
-    ','
-}
-
-impl Proxy {
-    pub(super) fn options(&self) -> ProxyOptions {
-        ProxyOptions {
-            user_header: self.user_header.clone(),
-            groups_header: self.groups_header.clone(),
-            separator: self.separator,
-            roles: self.roles.clone(),
-            sign_out: self.sign_out.clone(),
-        }
-    }
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.
@@ -167,16 +110,13 @@ pub struct Limits {
     pub max_voxels: usize,
     /// The shortest side of a volume, in mm; infants and specimens may need less.
     pub min_field_mm: f64,
-    /// Threads of a preparation; by default, one for each CPU core.
-    pub preparation_threads: usize,
     /// Memory for all processes together that read files and prepare cases, in bytes; by default enough for all workers and two series.
     pub child_bytes: Option<u64>,
     /// Cases that may wait to be prepared.
     pub max_queued_cases: usize,
-    /// Pictures, meshes and checks of uploads that may wait.
+    /// Pictures, meshes and checks of uploads that may wait; no key.
+    #[serde(skip)]
     pub max_queued_renders: usize,
-    /// Layers of a case.
-    pub max_layers: usize,
     /// Whether to compute the maps of the junction of grey and white matter.
     pub maps: MapsUse,
 }
@@ -198,11 +138,9 @@ impl Default for Limits {
             max_upload_bytes: 1 << 30,
             max_voxels: 64 << 20,
             min_field_mm: HeadLimits::default().field_mm[0],
-            preparation_threads: cores(),
             child_bytes: None,
             max_queued_cases: 256,
             max_queued_renders: 64,
-            max_layers: 20,
             maps: MapsUse::default(),
         }
     }
@@ -256,7 +194,8 @@ pub struct Render {
     pub threads: usize,
     /// Whether a GPU may draw.
     pub gpu: GpuUse,
-    /// GPU memory for cases, in bytes.
+    /// GPU memory for cases, in bytes; no key.
+    #[serde(skip)]
     pub gpu_case_bytes: u64,
     /// Memory for what is kept of cases, in bytes.
     pub cache_bytes: u64,

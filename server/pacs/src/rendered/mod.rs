@@ -20,6 +20,7 @@ use serde_json::{Value, json};
 use self::media::{Answer, Kind, accepted};
 use self::query::{RenderedParams, RenderedQuery, Shown};
 use crate::address::{Named, SeriesPath, StudyPath};
+use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
 use http::problem::AppError;
 
@@ -137,7 +138,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
         let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/cases/search` lists with its patient";
         return Err(AppError::new(
             StatusCode::CONFLICT,
-            "several-patients",
+            SEVERAL_PATIENTS,
             detail,
         ));
     }

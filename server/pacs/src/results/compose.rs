@@ -28,6 +28,7 @@ use report::ReportFormat;
 use super::draw::Drawing;
 use super::moment::{Moment, value};
 use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
+use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
 use crate::values::ResultSeries;
 use http::problem::AppError;
@@ -96,23 +97,17 @@ impl Composer {
         if let Some(series) = series.filter(|_| !is_rejection)
             && let Some(why) = pacs.arrivals().contradiction(&series).await?
         {
-            let detail = format!("{}; use a case of what the PACS has sent", why.sentence());
-            return Err(AppError::new(StatusCode::CONFLICT, why.name(), detail));
+            return Err(several_patients(format!(
+                "{why}; use a case of what the PACS has sent"
+            )));
         }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(|| unwritable(WriteError::NoStudy))?;
         if asked.study.is_some() && !is_rejection {
             let named = Patient::of(|keyword| source.value(keyword));
-            if let Some(why) = pacs
-                .arrivals()
-                .contradiction_of_study(&study, &named)
-                .await?
-            {
-                return Err(AppError::new(
-                    StatusCode::CONFLICT,
-                    why.name(),
-                    why.sentence(),
-                ));
+            let arrivals = pacs.arrivals();
+            if let Some(why) = arrivals.contradiction_of_study(&study, &named).await? {
+                return Err(several_patients(why));
             }
         }
         let withdrawn = match &plan {
@@ -446,6 +441,10 @@ async fn listed(pacs: &Pacs, study: &Uid, plan: &KeyObjectPlan) -> Result<Vec<Li
 
 fn refuse(kind: &'static str, detail: &str) -> AppError {
     AppError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
+}
+
+fn several_patients(why: impl Into<String>) -> AppError {
+    AppError::new(StatusCode::CONFLICT, SEVERAL_PATIENTS, why)
 }
 
 fn closed(why: Closed) -> AppError {

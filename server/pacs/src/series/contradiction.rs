@@ -1,4 +1,4 @@
-//! Whether the PACS has sent images of a case, or of its study, as those of another patient.
+//! Whether the PACS has sent images of a case, or of its study, as those of another patient, in words.
 
 use case::series::{CaseSeries, Uid};
 use cases::{Error, Patient};
@@ -6,33 +6,8 @@ use storage::ObjectName;
 
 use super::Arrivals;
 
-/// What is different about the images that the PACS has sent with the UIDs of an upload.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Contradiction {
-    /// They are of another patient.
-    Patient,
-    /// They are of another patient, and the case is not DICOM: whoever requested a result named the study.
-    Study,
-}
-
-impl Contradiction {
-    /// The kind of the problem.
-    pub(crate) fn name(self) -> &'static str {
-        "several-patients"
-    }
-
-    /// What has happened.
-    pub(crate) fn sentence(self) -> &'static str {
-        match self {
-            Self::Patient => {
-                "the PACS has sent images of the series of the case as those of another patient"
-            }
-            Self::Study => {
-                "the study that was named for the result is here, and images of it are of another patient"
-            }
-        }
-    }
-}
+/// The kind of the problem.
+pub(crate) const SEVERAL_PATIENTS: &str = "several-patients";
 
 impl Arrivals {
     /// Whether the PACS has sent images of the series of a case as those of another patient, also if they made no case.
@@ -42,13 +17,15 @@ impl Arrivals {
     pub(crate) async fn contradiction(
         &self,
         of: &CaseSeries,
-    ) -> Result<Option<Contradiction>, Error> {
+    ) -> Result<Option<&'static str>, Error> {
         let Some(source) = self.cases.attributes_of(&of.case).await? else {
             return Ok(None);
         };
         let own = Patient::of(|keyword| source.value(keyword));
         let is_another = self.are_sent_of_another(&of.uids, &own).await?;
-        Ok(is_another.then_some(Contradiction::Patient))
+        Ok(is_another.then_some(
+            "the PACS has sent images of the series of the case as those of another patient",
+        ))
     }
 
     /// Whether images of a study are of another patient than the one who was named for a result of a case that is not DICOM.
@@ -59,10 +36,12 @@ impl Arrivals {
         &self,
         study: &Uid,
         named: &Patient,
-    ) -> Result<Option<Contradiction>, Error> {
+    ) -> Result<Option<&'static str>, Error> {
         let held = self.patients_of_study(study).await?;
         let is_another = held.iter().any(|held| held.contradicts(named));
-        Ok(is_another.then_some(Contradiction::Study))
+        Ok(is_another.then_some(
+            "the study that was named for the result is here, and images of it are of another patient",
+        ))
     }
 
     /// The patient of a stored object; `None` if it is lost or cannot be read.

@@ -3,7 +3,6 @@
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseState, Closed, Failure};
 use cases::{Error, Patient};
-use serde_json::Value;
 use storage::ObjectName;
 use storage::tables::series::cases_of;
 
@@ -243,24 +242,19 @@ impl Arrivals {
             return Ok(patients);
         }
         let names: Vec<_> = unread.iter().map(|&number| images[number]).collect();
-        let mut read = self.metadata_of(&names).await?;
+        let mut read = self.readable_patients_of(&names).await?;
         // One that cannot be read hides none of the others.
         if read.is_none() && unread.len() > 1 {
             let mut found = Vec::new();
             for number in std::mem::take(&mut unread) {
-                if let Some(one) = self.metadata_of(&[images[number]]).await? {
+                if let Some(one) = self.readable_patients_of(&[images[number]]).await? {
                     found.extend(one);
                     unread.push(number);
                 }
             }
             read = Some(found);
         }
-        for (number, image) in unread.into_iter().zip(read.unwrap_or_default()) {
-            let patient = Patient::of(|keyword| {
-                let tag = imaging::dicom::tag_of(keyword)?;
-                let value = &image[&tag]["Value"][0];
-                value.as_str().or_else(|| value["Alphabetic"].as_str())
-            });
+        for (number, patient) in unread.into_iter().zip(read.unwrap_or_default()) {
             self.patients.insert(images[number], patient.clone());
             patients[number] = Some(patient);
         }
@@ -269,9 +263,12 @@ impl Arrivals {
 }
 
 impl Arrivals {
-    /// The attributes of stored images; `None` if one is lost, or cannot be read now or ever.
-    async fn metadata_of(&self, images: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
-        match self.cases.stored_metadata(images).await {
+    /// The patients of stored images; `None` if one is lost, or cannot be read now or ever.
+    async fn readable_patients_of(
+        &self,
+        images: &[ObjectName],
+    ) -> Result<Option<Vec<Patient>>, Error> {
+        match self.cases.patients_of(images).await {
             Err(Error::Failure(_)) => Ok(None),
             read => read,
         }

@@ -18,12 +18,13 @@ use case::{Failure, ObjectKind};
 use cases::dicom::{InstanceIdentity, Rejection};
 use cases::{Cases, Error, Patient};
 use quick_cache::sync::Cache;
+use serde::Deserialize;
 use storage::{ObjectName, Spooled};
 
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
-pub(crate) use self::contradiction::Contradiction;
+pub(crate) use self::contradiction::SEVERAL_PATIENTS;
 pub(crate) use self::heads::Head;
 pub(crate) use self::matches::{Matches, SeriesWithoutCase};
 pub use self::read::start_series_reader;
@@ -32,7 +33,8 @@ pub use self::read::start_series_reader;
 const REMEMBERED_PATIENTS: usize = 4096;
 
 /// Which series become cases.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum SeriesRule {
     /// Series that are T1-weighted by their name or their timing.
     #[default]

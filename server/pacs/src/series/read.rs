@@ -272,7 +272,7 @@ impl Arrivals {
                     .await?;
                 Outcome::Layer(case)
             }
-            Err(Error::TooManyLayers { .. }) => Outcome::Nothing(Failure::unusable(
+            Err(Error::TooManyLayers) => Outcome::Nothing(Failure::unusable(
                 "too-many-layers",
                 "the case of the study has as many layers as it may have",
             )),

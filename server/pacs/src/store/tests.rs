@@ -293,7 +293,6 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
         series: Some(uid("1.2.7")),
         name: LayerName::Usual("FLAIR".to_owned()),
         parameters: LayerParameters::default(),
-        most: 20,
     };
     let layer = from.submit_layer(upload).await.unwrap().layer;
     copied(&from, &to).await;

@@ -8,15 +8,15 @@ use glam::{DAffine3, DVec3};
 
 use super::*;
 use crate::testing::upload;
-use crate::{Input, Pipeline, Prepared};
+use crate::{Pipeline, Prepared};
 
 /// A head of 3 mm, prepared.
 fn prepared() -> (PhantomHead, Prepared) {
     let head = head(3.0);
     let source = upload(&head);
     let never = std::sync::atomic::AtomicBool::new(false);
-    let prepared = Pipeline::default().prepare_read(
-        Input::from(&source),
+    let prepared = Pipeline::default().prepare(
+        &source,
         &case::Parameters::default(),
         &Limits::default(),
         &|_| {},

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Method;
+use case::MAX_LAYERS;
 use cases::jobs::start_workers;
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
@@ -12,7 +13,7 @@ use imaging::nifti::write_numbers;
 use pipeline::testing::phantom;
 use serde_json::{Value, json};
 
-use super::server::{Answer, FORM, MAX_LAYERS, MAX_UPLOAD_BYTES, Server, form, head};
+use super::server::{Answer, FORM, MAX_UPLOAD_BYTES, Server, form, head};
 
 /// A layer on the grid of the coarse head, moved to the patient's left: its value from the head's intensity.
 fn layer(shift_mm: f64, value: impl Fn(usize, f32) -> f32) -> Vec<u8> {
@@ -306,19 +307,29 @@ async fn the_voxels_of_a_layer_can_be_fetched() {
 }
 
 #[tokio::test]
-async fn layers_are_renamed_moved_limited_and_deleted_with_their_objects() {
+async fn a_case_has_so_many_layers_and_no_more() {
+    let (server, case) = Server::with_case().await;
+    let workers = start_workers(server.cases.library.clone(), 1);
+    for number in 0..MAX_LAYERS {
+        let map = layer(0.0, |index, _| ((index + number) % 29) as f32);
+        added(&server, &case, &map, json!({"kind": "map"})).await;
+    }
+    let refused = add(&server, &case, &flair(0.0), json!({})).await;
+    assert_eq!(refused.refusal(), (409, "too-many-layers".to_owned()));
+    workers.shut_down(Duration::from_secs(60)).await;
+}
+
+#[tokio::test]
+async fn layers_are_renamed_moved_and_deleted_with_their_objects() {
     let (server, case) = Server::with_case().await;
     let before = server.stored_files();
     let workers = start_workers(server.cases.library.clone(), 1);
     let mut addresses = Vec::new();
-    for number in 0..MAX_LAYERS {
+    for number in 0..3 {
         let map = layer(0.0, |index, _| ((index + number) % 9) as f32);
         addresses.push(added(&server, &case, &map, json!({"kind": "map"})).await);
     }
     assert_eq!(names(&server, &case).await, ["map", "map 2", "map 3"]);
-    let refused = add(&server, &case, &flair(0.0), json!({})).await;
-    assert_eq!(refused.refusal(), (409, "too-many-layers".to_owned()));
-
     let patch = async |address: &str, body: Value| {
         server
             .ask(Method::PATCH, address, &[], body.to_string())

@@ -27,9 +27,6 @@ use http::uploads::UploadLimits;
 /// The largest upload that is accepted here.
 pub(super) const MAX_UPLOAD_BYTES: u64 = 4 << 20;
 
-/// How many layers a case may have here.
-pub(super) const MAX_LAYERS: usize = 3;
-
 /// What separates the parts of a form.
 const BOUNDARY: &str = "isocortex-test-boundary";
 
@@ -122,7 +119,6 @@ impl Server {
             prepares_apart: false,
             preparation_cpu_seconds: 120,
             makes_maps: false,
-            max_layers: MAX_LAYERS,
             store: storage::Options {
                 queue_limit: 2,
                 ..storage::Options::default()

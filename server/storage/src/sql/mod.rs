@@ -169,7 +169,7 @@ impl Rows {
     }
 }
 
-/// Migrates the tables. Tables of a newer version, and of one before 0.1.0, are not changed.
+/// Migrates the tables. Tables of a newer version are not changed.
 async fn migrate<D: sqlx::Database>(
     migrations: [&'static Migrations; 2],
     pool: &Pool<D>,
@@ -188,9 +188,6 @@ where
     migrator.run(pool).await.map_err(|error| match error {
         MigrateError::VersionMissing(found) if found > known => {
             StoreError::NewerSchema { found, known }
-        }
-        MigrateError::VersionMissing(_) | MigrateError::VersionMismatch(_) => {
-            StoreError::OlderSchema
         }
         other => other.into(),
     })

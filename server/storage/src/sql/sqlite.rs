@@ -549,23 +549,4 @@ mod tests {
         assert!(error.to_string().contains("newer version"), "{error}");
         assert_eq!(std::fs::read(&file).unwrap(), before);
     }
-
-    #[tokio::test]
-    async fn rows_from_before_the_first_release_are_refused_in_words_and_left_as_they_are() {
-        for change in [
-            "UPDATE _sqlx_migrations SET version = 1 WHERE version = 100",
-            "UPDATE _sqlx_migrations SET checksum = x'00'",
-        ] {
-            let directory = tempfile::tempdir().unwrap();
-            let file = directory.path().join("rows.sqlite");
-            let store = at(&file).await.unwrap();
-            sqlx::query(change).execute(pool(&store)).await.unwrap();
-            pool(&store).close().await;
-            let before = std::fs::read(&file).unwrap();
-            let error = at(&file).await.unwrap_err();
-            assert!(matches!(error, StoreError::OlderSchema));
-            assert!(error.to_string().contains("before 0.1.0"), "{error}");
-            assert_eq!(std::fs::read(&file).unwrap(), before);
-        }
-    }
 }

@@ -294,7 +294,6 @@ async fn a_lost_manifest_is_written_again() {
         series: None,
         name: LayerName::Usual("T2".to_owned()),
         parameters: LayerParameters::default(),
-        most: 20,
     };
     store.submit_layer(upload).await.unwrap();
     let manifests = files_below(&directory.path().join("objects/manifest"));

@@ -269,7 +269,6 @@ async fn a_layer_waits_for_its_source_and_one_that_is_ready_stays_so() {
         series: None,
         name: LayerName::Usual("T2".to_owned()),
         parameters: LayerParameters::default(),
-        most: 20,
     };
     let id = store.submit_layer(layer_upload).await.unwrap().layer.id;
     let [there, moved] = ["objects/source-layer", "moved"].map(|name| directory.path().join(name));

@@ -53,7 +53,6 @@ async fn a_layer_of(store: &PacsStore, case: CaseId, image: Image) -> LayerId {
         series: None,
         name: LayerName::Usual("a layer".to_owned()),
         parameters: LayerParameters::default(),
-        most: 20,
     };
     store.submit_layer(upload).await.unwrap().layer.id
 }
