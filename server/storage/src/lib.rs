@@ -10,6 +10,7 @@ mod findings;
 mod identity;
 mod inspect;
 mod jobs;
+mod label;
 mod layers;
 mod location;
 mod manifest;
@@ -51,9 +52,9 @@ pub use self::error::{
 };
 pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
-pub use self::identity::{Mismatch, StoreId};
 pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
+pub use self::label::{Mismatch, StoreId};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 pub use self::manifest::{Manifest, Manifested};
@@ -212,7 +213,7 @@ impl Store {
         if !has_rows {
             let label = objects.label().await?;
             // Another process may have made both meanwhile.
-            if label != identity::Label::Missing && !location.has_rows().await? {
+            if label != label::Label::Missing && !location.has_rows().await? {
                 return Err(StoreError::Mismatch(Mismatch {
                     rows: None,
                     objects: label,
@@ -240,7 +241,7 @@ impl Store {
             }
             Ok(rows)
         };
-        let (place, rows) = Directory::open::<_, StoreError>(&location.folder, prepare).await?;
+        let (place, rows) = Directory::open(&location.folder, prepare).await?;
         if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
             directory::sweep_shared(folder)?;
         }
@@ -566,7 +567,7 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
         None => Objects::in_directory(&location.folder.join("objects"))?,
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
-            directory::check_owner_of_objects::<StoreError>(folder)?;
+            directory::check_owner_of_objects(folder)?;
             objects
         }
         Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix)?,
