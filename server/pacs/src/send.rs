@@ -174,7 +174,7 @@ async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(),
     let Some(why) = why else {
         return Ok(());
     };
-    let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
+    let spooled = store.spools().of(file.clone()).await.map_err(of_store)?;
     match pacs.cases().headers.read(&spooled).await {
         Ok(identity) if identity.rejection.is_some() => Ok(()),
         Ok(_) | Err(cases::Error::Failure(_)) => Err(why),

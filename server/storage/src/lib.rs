@@ -20,6 +20,7 @@ mod pinned;
 mod publish;
 mod rows;
 mod signals;
+mod spools;
 mod sql;
 mod submit;
 pub mod tables;
@@ -30,18 +31,17 @@ mod tests;
 mod watch;
 
 use std::fmt;
-use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use futures_util::StreamExt as _;
-use tempfile::TempDir;
 use tokio::task::JoinSet;
 
 use self::directory::Directory;
 use self::objects::Objects;
 use self::rows::{Change, Sweep};
+use self::spools::Place;
 use self::sql::Rows;
 use self::tables::{Connection, Tables};
 use case::{Case, CaseId};
@@ -68,6 +68,7 @@ pub use self::rows::{
     CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published, RowCounts,
 };
 pub use self::signals::{Count, Counters, Signals};
+pub use self::spools::Spools;
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
 
@@ -157,7 +158,7 @@ type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
 struct Inner {
     rows: Rows,
     objects: Objects,
-    place: Place,
+    spools: Spools,
     options: Options,
     signals: Signals,
     /// Called after a case was deleted. Held only briefly.
@@ -174,16 +175,9 @@ impl fmt::Debug for Inner {
             .debug_struct("Store")
             .field("rows", &self.rows)
             .field("objects", &self.objects)
-            .field("place", &self.place)
+            .field("spools", &self.spools)
             .finish_non_exhaustive()
     }
-}
-
-/// The directory of spooled uploads.
-#[derive(Debug)]
-enum Place {
-    Directory(Directory),
-    Temporary(TempDir),
 }
 
 impl Store {
@@ -283,7 +277,7 @@ impl Store {
             Inner {
                 rows,
                 objects,
-                place,
+                spools: Spools(place),
                 options,
                 signals: Signals::default(),
                 deletion_hooks: Mutex::default(),
@@ -307,55 +301,9 @@ impl Store {
         }
     }
 
-    /// Begins an upload.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool(&self) -> Result<Spool, StoreError> {
-        Ok(Spool::begin(self.scratch()).await?)
-    }
-
-    /// The directory for temporary files; files of a killed process are removed from it.
-    pub fn scratch(&self) -> std::path::PathBuf {
-        match &self.inner.place {
-            Place::Directory(directory) => directory.uploads(),
-            Place::Temporary(directory) => directory.path().to_owned(),
-        }
-    }
-
-    /// Spools bytes in memory.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
-        let mut spool = self.spool().await?;
-        spool.write(bytes).await?;
-        Ok(spool.finish().await?)
-    }
-
-    /// Takes over a file in [`Store::scratch`] that another process has written, with [`Spooled::START`] bytes of room
-    /// before its contents.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool_file(&self, file: std::path::PathBuf) -> Result<Spooled, StoreError> {
-        let scratch = self.scratch();
-        let taken = tokio::task::spawn_blocking(move || Spooled::take(&file, &scratch));
-        Ok(taken.await??)
-    }
-
-    /// A directory for the files of an upload, which is removed with its handle.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool_directory(&self) -> Result<TempDir, StoreError> {
-        let scratch = self.scratch();
-        let made = tokio::task::spawn_blocking(move || {
-            tempfile::Builder::new()
-                .prefix("upload-")
-                .tempdir_in(scratch)
-        });
-        Ok(made.await??)
+    /// Where uploads are spooled.
+    pub fn spools(&self) -> &Spools {
+        &self.inner.spools
     }
 
     /// Adds what the rows of a case do not have: newer progress, and when it expires.
@@ -371,17 +319,6 @@ impl Store {
         Watch::new(self.clone(), *id)
     }
 
-    /// Free bytes for an unprivileged process on the disk of [`Store::scratch`], for metrics.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn free_bytes(&self) -> Result<u64, StoreError> {
-        let scratch = self.scratch();
-        let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&scratch));
-        let disk = disk.await?.map_err(std::io::Error::from)?;
-        Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
-    }
-
     /// Checks that the rows and the objects are reachable and belong to one store, and that the disk has room, for `/readyz`.
     ///
     /// # Errors
@@ -389,9 +326,7 @@ impl Store {
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().database.check().await?;
         self.id().await?;
-        let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
-        tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
-        Ok(())
+        self.spools().check(self.options().min_free_bytes).await
     }
 
     /// Finishes all work before the process ends. The rows must not be used afterwards.
@@ -536,20 +471,6 @@ async fn listen(rows: Rows, store: Weak<Inner>) {
         };
         store.has_changed(change);
     }
-}
-
-/// Whether this number of bytes is free on the disk of a directory for an unprivileged process, and a file can be made
-/// durable there.
-fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
-    let disk = rustix::fs::statvfs(directory)?;
-    if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
-        return Err(std::io::ErrorKind::StorageFull.into());
-    }
-    let mut probe = tempfile::Builder::new()
-        .prefix("check-")
-        .tempfile_in(directory)?;
-    probe.write_all(b"check")?;
-    probe.as_file().sync_data()
 }
 
 async fn open_rows(location: &Location, tables: Arc<dyn Tables>) -> Result<Rows, StoreError> {

@@ -14,12 +14,12 @@ impl Cases {
     /// A [`Failure`](case::Failure) that states what is wrong with an image, [`Error::Busy`] if too many clients wait, or an error of
     /// the store.
     pub async fn stored_metadata(&self, names: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
-        let input = self.store().spool_directory().await?;
+        let input = self.store().spools().directory().await?;
         if !copy_objects(self.store(), names, &input).await? {
             return Ok(None);
         }
         let _turn = self.dicom.limit.turn().await?;
-        let folders = (input, self.store().spool_directory().await?);
+        let folders = (input, self.store().spools().directory().await?);
         Ok(Some(
             self.dicom.reader.metadata(folders, names.len()).await?,
         ))
