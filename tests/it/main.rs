@@ -30,6 +30,7 @@ mod layers;
 mod maps;
 mod masks;
 mod memory;
+mod modules;
 mod nifti;
 mod openapi;
 mod operation;

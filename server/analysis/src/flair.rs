@@ -10,12 +10,12 @@ use glam::{DAffine3, DVec3, Vec3};
 use crate::block::{Block, Zone};
 use crate::candidates::{Candidate, Scores, candidates};
 use crate::coarse::Coarse;
-use crate::maps::{MapParameters, Terms, lowered, tissue_of};
+use crate::maps::{MapParameters, Terms, lowered};
 use crate::mirror::{Places, Widths};
 use crate::regions::{Regions, regions};
 use crate::sharpness::Sharpness;
 use crate::stored::{MapKind, StoredMap};
-use crate::tissue::TissueScale;
+use crate::tissue::{TissueScale, tissue_of};
 use crate::undefined::MapsUndefined;
 use crate::{Head, MidsagittalPlane};
 

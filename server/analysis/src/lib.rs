@@ -36,7 +36,7 @@ pub use candidates::{
 };
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;
-pub use maps::{MapParameters, Maps, maps, maps_and_division, tissue_of};
+pub use maps::{MapParameters, Maps, maps, maps_and_division};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
 pub use regions::{
     Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart, regions,
@@ -46,7 +46,7 @@ pub use registration::{
 };
 pub use slant::{DepthBand, slope};
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};
-pub use tissue::TissueScale;
+pub use tissue::{TissueScale, tissue_of};
 pub use undefined::MapsUndefined;
 pub use width::{JunctionWidth, WidthTable};
 

@@ -1,9 +1,9 @@
 //! All maps of a head.
 
-use geometry::{Grid, Volume};
+use geometry::Grid;
 
 use crate::MidsagittalPlane;
-use crate::block::{Block, Zone};
+use crate::block::Block;
 use crate::candidates::HeadDoubts;
 use crate::candidates::{Candidate, Choice, Scores, candidates};
 use crate::detail::{Band, detail};
@@ -17,12 +17,10 @@ use crate::sharpness::{Sharpness, sharpness};
 use crate::slant::{DepthBand, depth_bands};
 use crate::stored::{MapKind, StoredMap};
 use crate::thickness::Thickness;
-use crate::tissue::{Bias, TissueScale, tissue_scale};
+use crate::tissue::{TissueScale, tissue_of};
 use crate::undefined::MapsUndefined;
 use crate::width::{EdgeFilters, WidthTable};
 
-/// The largest voxel edge at which a blur of 1 to 2 mm is visible, in mm.
-const MAX_SPACING_MM: f64 = 2.0;
 /// The least spread of sharpness, per mm, and of intensity, in tissue scale. A smaller spread is rounding, not anatomy.
 ///
 /// Four real heads have 0.04 to 0.06 per mm, and 0.13 to 0.17.
@@ -243,47 +241,6 @@ fn compared_thickness(
         everywhere[voxel as usize] = value;
     }
     everywhere
-}
-
-/// The block of a head that contains its brain, the tissue scale of each voxel of it (grey matter 0, white matter 1, without the
-/// bias of the coil), and the parameters of that scale.
-///
-/// # Errors
-/// If the voxels, the contrast or the envelope are unsuitable.
-pub fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsUndefined> {
-    let spacing_mm = head.volume.grid().spacing_mm();
-    let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
-    if largest_mm > MAX_SPACING_MM + 1e-6 {
-        return Err(MapsUndefined::CoarseVoxels { largest_mm });
-    }
-    let block = Block::new(head.volume, head.depth).ok_or(MapsUndefined::NothingDeep)?;
-    match tissue_scale(head.volume, &block, &Bias::STANDARD) {
-        Ok((values, tissue)) => Ok((block, values, tissue)),
-        // The tissues are not seen because much of what is called brain is not in the volume.
-        Err(reason) => Err(match empty_share(head.volume, &block) {
-            share if share > MAX_EMPTY_SHARE => MapsUndefined::EmptyVolume { share },
-            _ => reason,
-        }),
-    }
-}
-
-/// The share of the mask from which it is the reason why tissues are not seen that the volume is empty there.
-const MAX_EMPTY_SHARE: f64 = 0.2;
-
-/// The share of the voxels of tissue that have the least value of the volume.
-fn empty_share(volume: &Volume, block: &Block) -> f64 {
-    let least = volume.voxels().iter().copied().min().unwrap_or_default();
-    let (mut all, mut empty) = (0u32, 0u32);
-    for number in 0..block.size[1] * block.size[2] {
-        let zones = block.zones[number * block.size[0]..].iter();
-        for (&stored, _) in
-            (block.row(volume, number).iter().zip(zones)).filter(|(_, zone)| **zone >= Zone::Tissue)
-        {
-            all += 1;
-            empty += u32::from(stored == least);
-        }
-    }
-    f64::from(empty) / f64::from(all.max(1))
 }
 
 /// The measures of a head that a blurred junction lowers.

@@ -97,10 +97,10 @@ pub fn slope(block: &Block, values: &[f32], voxel: [usize; 3]) -> Vec3 {
 mod tests {
     use super::*;
     use crate::RegionDoubt;
-    use crate::maps::tissue_of;
     use crate::phantom::{Phantom, plain_grid};
     use crate::regions::phantom::{BrainPhantom, grid};
     use crate::regions::regions;
+    use crate::tissue::tissue_of;
 
     /// The bands of a synthetic head, which is too small for its regions to be known. Its tissue scale rises by ½ for each mm of `from_middle_mm`.
     fn bands(from_middle_mm: impl Fn(DVec3, f32) -> f32) -> Vec<DepthBand> {

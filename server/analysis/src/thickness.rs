@@ -142,9 +142,9 @@ mod tests {
 
     use super::*;
     use crate::candidates::Scores;
-    use crate::maps::tissue_of;
     use crate::phantom::{Scan, white_noise};
     use crate::regions::phantom::{BrainPhantom, grid};
+    use crate::tissue::tissue_of;
     use crate::{Head, MapParameters};
 
     #[test]

@@ -16,6 +16,7 @@ mod progress;
 mod public_error;
 mod quality;
 pub mod series;
+mod side;
 mod surface;
 
 pub use client::Client;
@@ -33,8 +34,7 @@ pub use layer::{
     MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, Transform,
 };
 pub use maps::{
-    BrainRegion, CandidateFacts, JunctionBandFacts, MapName, PatientSide, RegionFacts,
-    RegionNumbers, Unusual,
+    BrainRegion, CandidateFacts, JunctionBandFacts, MapName, RegionFacts, RegionNumbers, Unusual,
 };
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
@@ -43,6 +43,7 @@ pub use public_error::{ErrorKind, INTERNAL, PublicError};
 pub use quality::{
     AXES_CORRECTED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
 };
+pub use side::PatientSide;
 pub use surface::SurfaceName;
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with

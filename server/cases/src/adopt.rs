@@ -218,7 +218,7 @@ mod tests {
     async fn layer(cases: &Cases, case: CaseId, volume: &'static str) -> LayerId {
         let upload = LayerUpload {
             case,
-            volume: cases.store().spool_all(volume.into()).await.unwrap(),
+            volume: cases.store().spools().of(volume.into()).await.unwrap(),
             dicom: None,
             images: Vec::new(),
             series: None,

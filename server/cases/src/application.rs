@@ -108,7 +108,7 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
             let process = PrepareProcess {
                 program: options.dicom_program.clone(),
                 network: options.network.as_ref().map(absolute).transpose()?,
-                scratch: absolute(&store.scratch())?,
+                scratch: absolute(&store.spools().path())?,
                 threads: options.preparation_threads,
                 cpu_seconds: options.preparation_cpu_seconds,
             };

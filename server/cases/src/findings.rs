@@ -207,7 +207,7 @@ impl Cases {
             "the case was not created from DICOM, so its patient is not known; send the findings as JSON",
         ))?;
         let source = pipeline::attributes(&source).map_err(Error::from)?;
-        let file = self.store().spool_all(file).await?;
+        let file = self.store().spools().of(file).await?;
         let MarkedPatient {
             patient,
             frame_of_reference,

@@ -55,7 +55,7 @@ impl Cases {
         options: &Options,
         is_identity_removed: bool,
     ) -> Result<(Upload, Option<Choice>), Error> {
-        let (store, scratch) = (self.store(), self.store().scratch());
+        let (store, scratch) = (self.store(), self.store().spools().path());
         let mask = match (mask, options.form) {
             (Some(mask), Some(form)) => Some(self.keeping_form(mask, form).await?),
             (mask, _) => mask,
@@ -89,9 +89,9 @@ impl Cases {
             false => reading.attributes.clone(),
         };
         let upload = Upload {
-            volume: store.spool_file(reading.file()).await?,
+            volume: store.spools().take(reading.file()).await?,
             mask,
-            dicom: Some(store.spool_all(attributes).await?),
+            dicom: Some(store.spools().of(attributes).await?),
             images: reading.images,
         };
         Ok((upload, Some(reading.choice)))
@@ -107,7 +107,7 @@ impl Cases {
             .queue
             .run(move || pipeline::keeping_form(&bytes, form, &limits))
             .await??;
-        Ok(self.store().spool_all(kept.into()).await?)
+        Ok(self.store().spools().of(kept.into()).await?)
     }
 
     /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its

@@ -243,13 +243,13 @@ impl Library {
         let (limits, has_network) = (self.limits(), self.has_network());
         let settle = move || (settled(&source, parameters, &limits, has_network), source);
         let (parameters, source) = tokio::task::spawn_blocking(settle).await?;
-        let volume = self.store().spool_all(source.volume).await?;
+        let volume = self.store().spools().of(source.volume).await?;
         let mask = match source.mask {
-            Some(bytes) => Some(self.store().spool_all(bytes).await?),
+            Some(bytes) => Some(self.store().spools().of(bytes).await?),
             None => None,
         };
         let dicom = match source.dicom {
-            Some(bytes) => Some(self.store().spool_all(bytes).await?),
+            Some(bytes) => Some(self.store().spools().of(bytes).await?),
             None => None,
         };
         let upload = Upload {

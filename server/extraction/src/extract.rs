@@ -3,8 +3,9 @@
 use geometry::Volume;
 
 use crate::axes::with_other_axes;
+use crate::doubt::Verdict;
 use crate::methods::{Extraction, predict, pruned};
-use crate::quality::{Because, Verdict};
+use crate::quality::Because;
 use crate::{ExtractionError, Network, Observe};
 
 /// The fraction of the work for the first method; the second is rarely needed.

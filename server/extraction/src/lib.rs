@@ -2,6 +2,7 @@
 
 mod axes;
 mod canonical;
+mod doubt;
 mod error;
 mod extract;
 mod flatness;
@@ -17,6 +18,7 @@ mod slices;
 mod supplied;
 
 pub use canonical::canonical_axes;
+pub use doubt::{Reason, Verdict};
 pub use error::ExtractionError;
 pub use extract::extract;
 pub use foreground::check_foreground;
@@ -25,7 +27,7 @@ pub use network::{Network, Prediction};
 pub use observe::Observe;
 pub use probability::Probability;
 pub use pruning::{PruningParameters, prune_with};
-pub use quality::{Because, Masked, Opinion, Origin, Quality, Reason, Shape, Verdict, judge};
+pub use quality::{Because, Masked, Opinion, Origin, Quality, Shape, judge};
 pub use rim::Rim;
 pub use slices::Slices;
 pub use supplied::{Comparison, SurfaceDistance};

@@ -1,26 +1,16 @@
 //! Rates masks, in numbers and sentences.
 
-use std::fmt;
 use std::ops::RangeInclusive;
 
 use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
+use crate::doubt::{Doubt, Reason, Verdict, doubt, graded, review_if};
 use crate::flatness::flatness;
 use crate::rim::{Rim, brightness_of_rim, rim, without_scalp};
 use crate::slices::{Slices, lateral_axis, slices};
 use crate::supplied::{Comparison, doubts_of_border};
 use crate::{ExtractionError, Prediction};
-
-/// The rating of a mask, from best to worst.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Verdict {
-    Ok,
-    /// Something is unusual: a person should check the mask before the case is used.
-    Review,
-    /// This is not the mask of a brain.
-    Failed,
-}
 
 /// The measurements of a mask and its rating.
 ///
@@ -77,21 +67,6 @@ pub struct Shape {
     pub flatness: f64,
 }
 
-/// A reason why a mask is not ok.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Reason {
-    /// Its stable code: `mask-cut-inferior` …
-    pub code: &'static str,
-    /// Its description, a sentence without a full stop.
-    pub sentence: String,
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{} ({})", self.sentence, self.code)
-    }
-}
-
 /// The greatest area that a mask may cover on a face, in cm².
 const MOST_ON_A_FACE_CM2: f64 = 1.0;
 
@@ -103,13 +78,6 @@ const LEAST_HEIGHT: f64 = 0.65;
 
 /// The least [`flatness`] of a brain. Of eight sound heads, from 0.67 to 0.79; with 0.75 times their slice distance, 0.52 to 0.60.
 const LEAST_FLATNESS: f64 = 0.62;
-
-/// Something unusual about a mask: never [`Verdict::Ok`].
-#[derive(Debug)]
-pub(crate) struct Doubt {
-    verdict: Verdict,
-    reason: Reason,
-}
 
 fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
     let is_cut = match face {
@@ -134,20 +102,6 @@ fn code_of_cut(face: Face) -> &'static str {
         Face::Superior => "mask-cut-superior",
         Face::Inferior => "mask-cut-inferior",
     }
-}
-
-pub(crate) fn doubt(
-    verdict: Verdict,
-    code: &'static str,
-    sentence: impl FnOnce() -> String,
-) -> Option<Doubt> {
-    (verdict > Verdict::Ok).then(|| Doubt {
-        verdict,
-        reason: Reason {
-            code,
-            sentence: sentence(),
-        },
-    })
 }
 
 /// Why tree pruning was used.
@@ -651,18 +605,6 @@ fn doubt_of_contrast(contrast: Option<f64>, least: f64) -> Option<Doubt> {
             "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?"
                 .to_owned()
         }),
-    }
-}
-
-pub(crate) fn review_if(is_unusual: bool) -> Verdict {
-    graded(is_unusual, false)
-}
-
-fn graded(is_unusual: bool, is_impossible: bool) -> Verdict {
-    match (is_unusual, is_impossible) {
-        (_, true) => Verdict::Failed,
-        (true, _) => Verdict::Review,
-        _ => Verdict::Ok,
     }
 }
 

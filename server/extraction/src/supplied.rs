@@ -7,7 +7,7 @@ use geometry::{BorderField, Cut, DistanceMap, Grid, Mask};
 use glam::{DAffine3, DVec3};
 
 use crate::ExtractionError;
-use crate::quality::{Doubt, Verdict, doubt, review_if};
+use crate::doubt::{Doubt, Verdict, doubt, review_if};
 use crate::rim::{Rim, flips};
 
 /// A supplied mask compared with the mask from the network, by their envelopes.

@@ -1,8 +1,37 @@
 //! The largest contour of a cross-section, traced with sub-voxel precision.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
-use crate::{ContourPlanes, DepthField};
+use crate::DepthField;
+
+/// The planes of the contours of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ContourPlanes {
+    /// Sagittal planes, as in the paper.
+    Sagittal,
+    /// Coronal planes. The inner side of a hemisphere is nearly sagittal: its sagittal contours change so much from plane to plane that
+    /// the triangles between them span hollows.
+    Coronal,
+}
+
+impl ContourPlanes {
+    /// The axis of the working grid across the planes.
+    pub(crate) fn axis(self) -> usize {
+        match self {
+            Self::Sagittal => 0,
+            Self::Coronal => 1,
+        }
+    }
+
+    /// The position of a point of a plane: the first coordinate in the plane is along the next axis after that across the planes.
+    pub(crate) fn position(self, along: f32, in_plane: Vec2) -> Vec3 {
+        let mut position = Vec3::ZERO;
+        for (step, place) in [along, in_plane.x, in_plane.y].into_iter().enumerate() {
+            position[(self.axis() + step) % 3] = place;
+        }
+        position
+    }
+}
 
 /// A closed polygon in voxel coordinates of its plane: (y, z) in a sagittal one, (z, x) in a coronal one. It is counter-clockwise if
 /// the first points right and the second up.

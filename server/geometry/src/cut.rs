@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use crate::inner_cuts::inner_cuts;
-use crate::{BrainMask, Face, Grid, Volume};
+use crate::{BrainMask, Face, Grid};
 
 /// The distance from the edge of the field of view that a voxel must have beyond its depth for the depth to be known, in voxels.
 ///
@@ -69,19 +68,6 @@ pub struct BrainCuts {
 }
 
 impl BrainMask {
-    /// The faces of the field of view that cut the brain: those of the volume, and those of a smaller field of view within it.
-    pub fn cut_by(&self, volume: &Volume) -> BrainCuts {
-        let mut cuts = self.cuts(volume.grid());
-        let mut area_cm2 = self.cut_area_cm2(volume.grid());
-        for inner in inner_cuts(self, volume) {
-            if cuts.iter().all(|cut| cut.face != inner.cut.face) {
-                cuts.push(inner.cut);
-                area_cm2[inner.cut.face as usize] += inner.area_cm2;
-            }
-        }
-        BrainCuts { cuts, area_cm2 }
-    }
-
     /// The faces of a volume that cut the brain: those with outermost voxels that belong to it.
     pub fn cuts(&self, volume_grid: &Grid) -> Vec<Cut> {
         let touched = self.touched_voxels(volume_grid);

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::contour::Contour;
+use crate::contour::{Contour, ContourPlanes};
 use crate::{DepthField, GeometryError};
 
 /// The number of points of a contour that are compared with its neighbour to find its start.
@@ -106,35 +106,6 @@ pub struct EnvelopeMesh {
     pub size: MeshSize,
     /// Vertices in voxel coordinates of the working grid, in the order of [`MeshSize::vertex_count`].
     pub positions_in_voxel: Vec<Vec3>,
-}
-
-/// The planes of the contours of a mesh.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ContourPlanes {
-    /// Sagittal planes, as in the paper.
-    Sagittal,
-    /// Coronal planes. The inner side of a hemisphere is nearly sagittal: its sagittal contours change so much from plane to plane that
-    /// the triangles between them span hollows.
-    Coronal,
-}
-
-impl ContourPlanes {
-    /// The axis of the working grid across the planes.
-    pub(crate) fn axis(self) -> usize {
-        match self {
-            Self::Sagittal => 0,
-            Self::Coronal => 1,
-        }
-    }
-
-    /// The position of a point of a plane: the first coordinate in the plane is along the next axis after that across the planes.
-    fn position(self, along: f32, in_plane: Vec2) -> Vec3 {
-        let mut position = Vec3::ZERO;
-        for (step, place) in [along, in_plane.x, in_plane.y].into_iter().enumerate() {
-            position[(self.axis() + step) % 3] = place;
-        }
-        position
-    }
 }
 
 /// [`envelope_mesh_across`] sagittal planes, as in the paper.

@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use crate::{BrainMask, Cut, Face, Volume};
+use crate::{BrainCuts, BrainMask, Cut, Face, Volume};
 
 /// The greatest distance between the end of the brain and the constant voxels, in mm and in native voxels: the greater
 /// applies. Masks end up to this far before or beyond the plane.
@@ -34,13 +34,28 @@ const REACHED: f64 = 0.9;
 
 /// A plane within a volume that cuts the brain.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct InnerCut {
-    pub(crate) cut: Cut,
-    pub(crate) area_cm2: f64,
+struct InnerCut {
+    cut: Cut,
+    area_cm2: f64,
+}
+
+impl BrainMask {
+    /// The faces of the field of view that cut the brain: those of the volume, and those of a smaller field of view within it.
+    pub fn cut_by(&self, volume: &Volume) -> BrainCuts {
+        let mut cuts = self.cuts(volume.grid());
+        let mut area_cm2 = self.cut_area_cm2(volume.grid());
+        for inner in inner_cuts(self, volume) {
+            if cuts.iter().all(|cut| cut.face != inner.cut.face) {
+                cuts.push(inner.cut);
+                area_cm2[inner.cut.face as usize] += inner.area_cm2;
+            }
+        }
+        BrainCuts { cuts, area_cm2 }
+    }
 }
 
 /// The planes of constant voxels that cut a brain; at most one for each face.
-pub(crate) fn inner_cuts(brain: &BrainMask, volume: &Volume) -> Vec<InnerCut> {
+fn inner_cuts(brain: &BrainMask, volume: &Volume) -> Vec<InnerCut> {
     let sides = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
     let mut found: Vec<InnerCut> = Vec::new();
     for (axis, is_at_end) in sides {

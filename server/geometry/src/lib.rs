@@ -39,14 +39,13 @@ mod walk;
 pub use border_field::BorderField;
 pub use bounding_sphere::BoundingSphere;
 pub use build::{BuildStep, BuiltModel, ClosedBrain};
+pub use contour::ContourPlanes;
 pub use core_voxels::{Core, core};
 pub use cut::{BrainCuts, Cut};
 pub use depth_field::DepthField;
 pub use distance_map::{DistanceMap, distance_map};
 pub use envelope::{Envelope, check_closing, cut_envelope, envelope};
-pub use envelope_mesh::{
-    ContourPlanes, EnvelopeMesh, MeshSize, envelope_mesh, envelope_mesh_across,
-};
+pub use envelope_mesh::{EnvelopeMesh, MeshSize, envelope_mesh, envelope_mesh_across};
 pub use error::GeometryError;
 pub use fenced::Fenced;
 pub use flood::{face_neighbours, flood};

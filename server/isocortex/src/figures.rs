@@ -181,7 +181,7 @@ fn counts(store: &Store) -> Vec<Figure> {
 /// What the rows count, for all processes on the store.
 async fn rows(store: &Store) -> Vec<Figure> {
     let mut figures = Vec::new();
-    if let Ok(free) = store.free_bytes().await {
+    if let Ok(free) = store.spools().free_bytes().await {
         let help = "Free bytes on the disk of the folder of this process";
         figures.push(Figure::gauge("isocortex_free_bytes", help).with(&[], free as f64));
     }

@@ -87,7 +87,7 @@ impl<B: HttpBody<Data = Bytes> + Unpin> Parts<B> {
 
     /// The file in the part; `None` if it is too large.
     pub(crate) async fn spool(&mut self, store: &Store) -> Result<Option<Spooled>, PartsError> {
-        let mut spool = Some(store.spool().await?);
+        let mut spool = Some(store.spools().begin().await?);
         while let Piece::Data(bytes) = self.piece().await? {
             let Some(file) = &mut spool else { continue };
             if file.len() + bytes.len() as u64 > MAX_INSTANCE_BYTES {

@@ -18,8 +18,8 @@ pub(crate) use self::layers::*;
 pub(crate) use self::series::*;
 
 use super::expiry::{Allowance, Removal};
-use super::identity::Label;
 use super::jobs::{JobQuery, NewJob, Release};
+use super::label::Label;
 use super::objects::Objects;
 use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use crate::error::at;
-use crate::keep_private;
+use crate::{StoreError, keep_private};
 
 /// While other processes run, an unfinished file is left over after this time without a write.
 const STALE_AFTER: Duration = Duration::from_secs(24 * 60 * 60);
@@ -23,18 +23,15 @@ pub(super) struct Directory {
 }
 
 impl Directory {
-    /// Creates missing folders, removes left-over files, and takes the shared lock. Fails with [`OtherUser`] if this process has another user than the
+    /// Creates missing folders, removes left-over files, and takes the shared lock. Fails with [`StoreError::OtherUser`] if this process has another user than the
     /// one that made the directory, who could not read what it writes.
     ///
     /// `prepare` runs before anything is removed; what it makes is returned. It learns whether no other process uses the directory; then no other one can start before it
     /// has ended.
-    pub(super) async fn open<T, E>(
+    pub(super) async fn open<T>(
         root: &Path,
-        prepare: impl AsyncFnOnce(bool) -> Result<T, E>,
-    ) -> Result<(Self, T), E>
-    where
-        E: From<io::Error> + From<OtherUser>,
-    {
+        prepare: impl AsyncFnOnce(bool) -> Result<T, StoreError>,
+    ) -> Result<(Self, T), StoreError> {
         create_private(root).map_err(at(root))?;
         keep_private(root, "the folder of the store");
         std::fs::create_dir_all(root.join("uploads")).map_err(at(root))?;
@@ -68,18 +65,14 @@ impl Directory {
     }
 }
 
-/// The files of a store have this user, and this process has another one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct OtherUser(pub(super) u32);
-
 /// Checks that what this process writes into `folder` gets the owner of a file that is there. Otherwise the server could not read what a command
 /// of root has written. Some file systems give every file the same owner; there, anybody may write.
 #[cfg(unix)]
-fn check_owner(there: &std::fs::Metadata, folder: &Path) -> Result<(), OtherUser> {
+fn check_owner(there: &std::fs::Metadata, folder: &Path) -> Result<(), StoreError> {
     use std::os::unix::fs::MetadataExt as _;
     let written = tempfile::tempfile_in(folder).and_then(|file| file.metadata());
     match written {
-        Ok(written) if written.uid() != there.uid() => Err(OtherUser(there.uid())),
+        Ok(written) if written.uid() != there.uid() => Err(StoreError::OtherUser(there.uid())),
         // If nothing can be written, that shows later.
         Ok(_) | Err(_) => Ok(()),
     }
@@ -87,21 +80,18 @@ fn check_owner(there: &std::fs::Metadata, folder: &Path) -> Result<(), OtherUser
 
 /// Other systems have no owners.
 #[cfg(not(unix))]
-fn check_owner(_there: &std::fs::Metadata, _folder: &Path) -> Result<(), OtherUser> {
+fn check_owner(_there: &std::fs::Metadata, _folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
 /// Checks the same for objects in a folder of their own. An empty one belongs to anybody.
-pub(super) fn check_owner_of_objects<E>(objects: &Path) -> Result<(), E>
-where
-    E: From<io::Error> + From<OtherUser>,
-{
+pub(super) fn check_owner_of_objects(objects: &Path) -> Result<(), StoreError> {
     // The id may have been written by hand.
     let there = match subdirectories(objects)?.first() {
         Some(kind) => Some(std::fs::metadata(kind)?),
         None => std::fs::metadata(objects.join("store-id")).ok(),
     };
-    Ok(there.map_or(Ok(()), |there| check_owner(&there, objects))?)
+    there.map_or(Ok(()), |there| check_owner(&there, objects))
 }
 
 /// Removes the files of unfinished objects after a long time without a write; files that other machines are writing
@@ -200,10 +190,9 @@ fn remove_if_older(path: &Path, age: Duration) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::StoreError;
 
     async fn open(root: &Path) -> (Directory, bool) {
-        let opened = Directory::open::<_, StoreError>(root, async |is_alone| Ok(is_alone));
+        let opened = Directory::open(root, async |is_alone| Ok(is_alone));
         opened.await.unwrap()
     }
 
@@ -256,7 +245,7 @@ mod tests {
         drop(open(root.path()).await);
         std::os::unix::fs::chown(root.path().join("lock"), Some(4321), None).unwrap();
         let [left, _] = leftovers(root.path());
-        let refused = Directory::open::<_, StoreError>(root.path(), async |_| Ok(())).await;
+        let refused = Directory::open(root.path(), async |_| Ok(())).await;
         match refused {
             Err(StoreError::OtherUser(user)) => assert_eq!(user, 4321),
             other => panic!("{other:?}"),
@@ -268,7 +257,7 @@ mod tests {
     #[test]
     fn objects_of_another_user_are_not_written_to() {
         let objects = tempfile::tempdir().unwrap();
-        let check = || check_owner_of_objects::<StoreError>(objects.path());
+        let check = || check_owner_of_objects(objects.path());
         assert!(check().is_ok(), "an empty folder");
         let kind = objects.path().join("volume");
         std::fs::create_dir(&kind).unwrap();

@@ -7,8 +7,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::directory::OtherUser;
-use crate::identity::Mismatch;
+use crate::label::Mismatch;
 use crate::objects::{BUCKET, ObjectError};
 use case::{ErrorKind as PublicKind, INTERNAL, PublicError, SOURCE_MISSING};
 use sqlx::error::DatabaseError;
@@ -276,12 +275,6 @@ pub fn failures() -> FailureCounts {
     FailureCounts {
         database: DATABASE_FAILURES.load(Ordering::Relaxed),
         objects: OBJECT_FAILURES.load(Ordering::Relaxed),
-    }
-}
-
-impl From<OtherUser> for StoreError {
-    fn from(OtherUser(number): OtherUser) -> Self {
-        Self::OtherUser(number)
     }
 }
 

@@ -10,6 +10,7 @@ mod findings;
 mod identity;
 mod inspect;
 mod jobs;
+mod label;
 mod layers;
 mod location;
 mod manifest;
@@ -19,6 +20,7 @@ mod pinned;
 mod publish;
 mod rows;
 mod signals;
+mod spools;
 mod sql;
 mod submit;
 pub mod tables;
@@ -29,18 +31,17 @@ mod tests;
 mod watch;
 
 use std::fmt;
-use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use futures_util::StreamExt as _;
-use tempfile::TempDir;
 use tokio::task::JoinSet;
 
 use self::directory::Directory;
 use self::objects::Objects;
 use self::rows::{Change, Sweep};
+use self::spools::Place;
 use self::sql::Rows;
 use self::tables::{Connection, Tables};
 use case::{Case, CaseId};
@@ -51,9 +52,9 @@ pub use self::error::{
 };
 pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
-pub use self::identity::{Mismatch, StoreId};
 pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
+pub use self::label::{Mismatch, StoreId};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 pub use self::manifest::{Manifest, Manifested};
@@ -67,6 +68,7 @@ pub use self::rows::{
     CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published, RowCounts,
 };
 pub use self::signals::{Count, Counters, Signals};
+pub use self::spools::Spools;
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
 
@@ -156,7 +158,7 @@ type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
 struct Inner {
     rows: Rows,
     objects: Objects,
-    place: Place,
+    spools: Spools,
     options: Options,
     signals: Signals,
     /// Called after a case was deleted. Held only briefly.
@@ -173,16 +175,9 @@ impl fmt::Debug for Inner {
             .debug_struct("Store")
             .field("rows", &self.rows)
             .field("objects", &self.objects)
-            .field("place", &self.place)
+            .field("spools", &self.spools)
             .finish_non_exhaustive()
     }
-}
-
-/// The directory of spooled uploads.
-#[derive(Debug)]
-enum Place {
-    Directory(Directory),
-    Temporary(TempDir),
 }
 
 impl Store {
@@ -212,7 +207,7 @@ impl Store {
         if !has_rows {
             let label = objects.label().await?;
             // Another process may have made both meanwhile.
-            if label != identity::Label::Missing && !location.has_rows().await? {
+            if label != label::Label::Missing && !location.has_rows().await? {
                 return Err(StoreError::Mismatch(Mismatch {
                     rows: None,
                     objects: label,
@@ -240,7 +235,7 @@ impl Store {
             }
             Ok(rows)
         };
-        let (place, rows) = Directory::open::<_, StoreError>(&location.folder, prepare).await?;
+        let (place, rows) = Directory::open(&location.folder, prepare).await?;
         if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
             directory::sweep_shared(folder)?;
         }
@@ -282,7 +277,7 @@ impl Store {
             Inner {
                 rows,
                 objects,
-                place,
+                spools: Spools(place),
                 options,
                 signals: Signals::default(),
                 deletion_hooks: Mutex::default(),
@@ -306,55 +301,9 @@ impl Store {
         }
     }
 
-    /// Begins an upload.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool(&self) -> Result<Spool, StoreError> {
-        Ok(Spool::begin(self.scratch()).await?)
-    }
-
-    /// The directory for temporary files; files of a killed process are removed from it.
-    pub fn scratch(&self) -> std::path::PathBuf {
-        match &self.inner.place {
-            Place::Directory(directory) => directory.uploads(),
-            Place::Temporary(directory) => directory.path().to_owned(),
-        }
-    }
-
-    /// Spools bytes in memory.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool_all(&self, bytes: bytes::Bytes) -> Result<Spooled, StoreError> {
-        let mut spool = self.spool().await?;
-        spool.write(bytes).await?;
-        Ok(spool.finish().await?)
-    }
-
-    /// Takes over a file in [`Store::scratch`] that another process has written, with [`Spooled::START`] bytes of room
-    /// before its contents.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool_file(&self, file: std::path::PathBuf) -> Result<Spooled, StoreError> {
-        let scratch = self.scratch();
-        let taken = tokio::task::spawn_blocking(move || Spooled::take(&file, &scratch));
-        Ok(taken.await??)
-    }
-
-    /// A directory for the files of an upload, which is removed with its handle.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn spool_directory(&self) -> Result<TempDir, StoreError> {
-        let scratch = self.scratch();
-        let made = tokio::task::spawn_blocking(move || {
-            tempfile::Builder::new()
-                .prefix("upload-")
-                .tempdir_in(scratch)
-        });
-        Ok(made.await??)
+    /// Where uploads are spooled.
+    pub fn spools(&self) -> &Spools {
+        &self.inner.spools
     }
 
     /// Adds what the rows of a case do not have: newer progress, and when it expires.
@@ -370,17 +319,6 @@ impl Store {
         Watch::new(self.clone(), *id)
     }
 
-    /// Free bytes for an unprivileged process on the disk of [`Store::scratch`], for metrics.
-    ///
-    /// # Errors
-    /// If the disk fails.
-    pub async fn free_bytes(&self) -> Result<u64, StoreError> {
-        let scratch = self.scratch();
-        let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&scratch));
-        let disk = disk.await?.map_err(std::io::Error::from)?;
-        Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
-    }
-
     /// Checks that the rows and the objects are reachable and belong to one store, and that the disk has room, for `/readyz`.
     ///
     /// # Errors
@@ -388,9 +326,7 @@ impl Store {
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().database.check().await?;
         self.id().await?;
-        let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
-        tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
-        Ok(())
+        self.spools().check(self.options().min_free_bytes).await
     }
 
     /// Finishes all work before the process ends. The rows must not be used afterwards.
@@ -537,20 +473,6 @@ async fn listen(rows: Rows, store: Weak<Inner>) {
     }
 }
 
-/// Whether this number of bytes is free on the disk of a directory for an unprivileged process, and a file can be made
-/// durable there.
-fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
-    let disk = rustix::fs::statvfs(directory)?;
-    if disk.f_bavail.saturating_mul(disk.f_frsize) < wanted {
-        return Err(std::io::ErrorKind::StorageFull.into());
-    }
-    let mut probe = tempfile::Builder::new()
-        .prefix("check-")
-        .tempfile_in(directory)?;
-    probe.write_all(b"check")?;
-    probe.as_file().sync_data()
-}
-
 async fn open_rows(location: &Location, tables: Arc<dyn Tables>) -> Result<Rows, StoreError> {
     match &location.database {
         None => Rows::sqlite(&rows_file(&location.folder), tables).await,
@@ -566,7 +488,7 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
         None => Objects::in_directory(&location.folder.join("objects"))?,
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
-            directory::check_owner_of_objects::<StoreError>(folder)?;
+            directory::check_owner_of_objects(folder)?;
             objects
         }
         Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix)?,

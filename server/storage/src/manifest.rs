@@ -153,7 +153,7 @@ impl Store {
     /// If the store cannot be reached, or the disk fails.
     pub async fn spool_object(&self, name: &ObjectName) -> Result<Option<Spooled>, StoreError> {
         match self.object(name).await {
-            Ok(bytes) => self.spool_all(bytes).await.map(Some),
+            Ok(bytes) => self.spools().of(bytes).await.map(Some),
             Err(Unreadable::Store(error)) => Err(error.into()),
             Err(_) => Ok(None),
         }

@@ -29,7 +29,7 @@ async fn store(directory: &TempDir) -> Store {
 }
 
 async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>) -> Upload {
-    let spool = async |text: &'static str| store.spool_all(text.into()).await.unwrap();
+    let spool = async |text: &'static str| store.spools().of(text.into()).await.unwrap();
     Upload {
         volume: spool(volume).await,
         mask: match mask {
@@ -162,7 +162,7 @@ async fn the_same_files_and_parameters_have_one_name() {
         assert_eq!(id == expected, is_same, "{volume} {mask:?}");
     }
     let of_somebody = Upload {
-        dicom: Some(store.spool_all("whose".into()).await.unwrap()),
+        dicom: Some(store.spools().of("whose".into()).await.unwrap()),
         ..upload(&store, "volume", Some("mask")).await
     };
     assert_ne!(of_somebody.case_id(&default), expected);
@@ -182,7 +182,7 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
         closing_radius_mm: 8.0,
         ..Parameters::default()
     };
-    let supplied = NewMask::Supplied(store.spool_all("another".into()).await.unwrap());
+    let supplied = NewMask::Supplied(store.spools().of("another".into()).await.unwrap());
     for (mask, sources) in [(supplied, 2), (NewMask::None, 1), (NewMask::Kept, 2)] {
         let mut version = Version {
             of,
@@ -244,7 +244,7 @@ async fn derived_objects_are_read_once_their_case_is_ready() {
 async fn whose_head_it_is_is_kept_apart() {
     let store = Store::in_memory(Options::default()).await.unwrap();
     let dicom = Upload {
-        dicom: Some(store.spool_all("whose".into()).await.unwrap()),
+        dicom: Some(store.spools().of("whose".into()).await.unwrap()),
         ..upload(&store, "volume", None).await
     };
     let submitted = store.submit(dicom, Parameters::default(), None).await;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{Region, RegionDoubt, Regions, Sheet, TISSUE_FROM, regions};
 use crate::block::Block;
-use crate::maps::tissue_of;
+use crate::tissue::tissue_of;
 use crate::{Head, MapsUndefined};
 
 /// A part of the brain that is closed on its own.

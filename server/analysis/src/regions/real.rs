@@ -10,10 +10,10 @@ use super::division::tests::closed;
 use super::tests::{Kept, check_moved, of};
 use super::{Division, Region, SurfacePart, regions};
 use crate::block::depth_at;
-use crate::maps::tissue_of;
 use crate::phantom::Scan;
 use crate::slant::slope;
 use crate::tests::real::{data, read_mask, read_volume, vertices};
+use crate::tissue::tissue_of;
 
 /// Vertices with less cortex, in mm, are where a surface closes a hemisphere through callosum and brain stem.
 const CORTEX_FROM_MM: f64 = 1.0;

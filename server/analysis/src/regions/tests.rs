@@ -5,8 +5,8 @@ use glam::{DAffine3, DQuat, DVec3};
 
 use super::phantom::{BrainPhantom, grid};
 use super::{Region, RegionDoubt, Regions, TISSUE_FROM, regions};
-use crate::maps::tissue_of;
 use crate::phantom::{Scan, mirrored};
+use crate::tissue::tissue_of;
 
 pub(super) fn of(scan: &Scan) -> Regions {
     let (block, values, _) = tissue_of(scan.head()).expect("a tissue scale");

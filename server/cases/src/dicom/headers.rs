@@ -209,7 +209,11 @@ mod tests {
         let reader = FileReader::new(program, 1 << 20, ChildMemory::default());
         let reader = HeaderReader::new(reader.within(longest));
         let store = Store::in_memory(Options::default()).await.unwrap();
-        let file = store.spool_all(Bytes::from_static(b"file")).await.unwrap();
+        let file = store
+            .spools()
+            .of(Bytes::from_static(b"file"))
+            .await
+            .unwrap();
         reader.read(&file).await
     }
 

@@ -14,12 +14,12 @@ impl Cases {
     /// A [`Failure`](case::Failure) that states what is wrong with an image, [`Error::Busy`] if too many clients wait, or an error of
     /// the store.
     pub async fn patients_of(&self, names: &[ObjectName]) -> Result<Option<Vec<Patient>>, Error> {
-        let input = self.store().spool_directory().await?;
+        let input = self.store().spools().directory().await?;
         if !copy_objects(self.store(), names, &input).await? {
             return Ok(None);
         }
         let _turn = self.dicom.limit.turn().await?;
-        let folders = (input, self.store().spool_directory().await?);
+        let folders = (input, self.store().spools().directory().await?);
         let read = self.dicom.reader.attributes(folders, names.len()).await?;
         let stated = read.iter();
         let patients = stated.map(|stated| Patient::of(|keyword| stated.value(keyword)));

@@ -35,11 +35,11 @@ impl Setup {
     async fn upload(&self, volume: Bytes, mask: Option<Bytes>) -> Upload {
         let store = self.cases.store();
         let mask = match mask {
-            Some(mask) => Some(store.spool_all(mask).await.unwrap()),
+            Some(mask) => Some(store.spools().of(mask).await.unwrap()),
             None => None,
         };
         Upload {
-            volume: store.spool_all(volume).await.unwrap(),
+            volume: store.spools().of(volume).await.unwrap(),
             mask,
             dicom: None,
             images: Vec::new(),

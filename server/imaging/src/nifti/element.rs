@@ -5,7 +5,7 @@
     reason = "one macro serves the types for which `From` exists and those for which it does not"
 )]
 
-use super::header::ByteOrder;
+use super::start::ByteOrder;
 
 /// A number in a file.
 pub(crate) trait Element: Copy + PartialOrd {

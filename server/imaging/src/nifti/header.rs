@@ -5,31 +5,13 @@ use crate::sniff::recognised;
 
 use super::affine::Placement;
 use super::datatype::DataType;
-
-/// Bytes of a NIfTI-2 header, the longer of the two.
-pub(crate) const LONGEST_HEADER: usize = 540;
-
-/// Bytes of a NIfTI-1 header, and of an Analyze header.
-const NIFTI_1_HEADER: usize = 348;
+use super::start::{ByteOrder, NIFTI_1_HEADER, Version, kind};
 
 /// The greatest offset of the voxels from the start of the file: enough for large extensions.
 const MAX_VOX_OFFSET: u64 = 64 << 20;
 
 const NIFTI_2_MAGIC: &[u8] = b"n+2\0\r\n\x1a\n";
 const NIFTI_2_PAIR_MAGIC: &[u8] = b"ni2\0\r\n\x1a\n";
-
-/// Which byte of a number comes first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum ByteOrder {
-    Little,
-    Big,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Version {
-    One,
-    Two,
-}
 
 /// The needed values of a header, checked as far as the header alone allows.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,33 +33,8 @@ pub(crate) struct Scaling {
     pub(crate) intercept: f64,
 }
 
-/// The length of the header that starts with `bytes`; four bytes are enough.
-pub(crate) fn header_length(bytes: &[u8]) -> Option<usize> {
-    Some(match kind(bytes)? {
-        (Version::One, _) => NIFTI_1_HEADER,
-        (Version::Two, _) => LONGEST_HEADER,
-    })
-}
-
-/// Whether bytes start like a NIfTI or Analyze header, which may be damaged.
-pub(crate) fn looks_like_header(bytes: &[u8]) -> bool {
-    kind(bytes).is_some()
-}
-
-/// Version and byte order, from `sizeof_hdr`.
-fn kind(bytes: &[u8]) -> Option<(Version, ByteOrder)> {
-    let size: [u8; 4] = bytes.get(..4)?.try_into().ok()?;
-    match (u32::from_le_bytes(size), u32::from_be_bytes(size)) {
-        (348, _) => Some((Version::One, ByteOrder::Little)),
-        (540, _) => Some((Version::Two, ByteOrder::Little)),
-        (_, 348) => Some((Version::One, ByteOrder::Big)),
-        (_, 540) => Some((Version::Two, ByteOrder::Big)),
-        _ => None,
-    }
-}
-
 impl Header {
-    /// Reads a header from its bytes; [`header_length`] states how many there must be.
+    /// Reads a header from its bytes; [`header_length`](super::start::header_length) states how many there must be.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, ImagingError> {
         let (version, order) = kind(bytes).ok_or(ImagingError::NotNifti {
             found: recognised(bytes),

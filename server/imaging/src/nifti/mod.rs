@@ -18,12 +18,13 @@ mod mask;
 mod outliers;
 mod range;
 mod source;
+mod start;
 mod stored;
 mod values;
 mod write;
 
-pub(crate) use header::{LONGEST_HEADER, looks_like_header};
 pub(crate) use source::GZIP_MAGIC;
+pub(crate) use start::{LONGEST_HEADER, looks_like_header};
 
 pub use affine::Form;
 pub use mask::read_mask;

@@ -1,7 +1,7 @@
 //! The range of numbers that come in chunks.
 
 use super::element::{Element, for_each};
-use super::header::ByteOrder;
+use super::start::ByteOrder;
 
 /// The range of the finite numbers so far.
 #[derive(Debug, Clone, Copy)]

@@ -7,9 +7,10 @@ use crate::{ImagingError, Limits};
 use super::datatype::DataType;
 use super::element::{Element, extend_with, for_each};
 use super::file::{NiftiFile, reserve_exact};
-use super::header::{ByteOrder, Scaling};
+use super::header::Scaling;
 use super::outliers::{SAMPLE, kept_range};
 use super::range::Range;
+use super::start::ByteOrder;
 
 /// The greatest stored value.
 const STORED_MAX: f64 = u16::MAX as f64;

@@ -174,12 +174,12 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
     let stated = stated.transpose()?;
     let series = stated.and_then(|stated| stated.value("SeriesInstanceUID").and_then(Uid::parse));
     let spooled = async |bytes: Option<Bytes>| match bytes {
-        Some(bytes) => store.spool_all(bytes).await.map(Some),
+        Some(bytes) => store.spools().of(bytes).await.map(Some),
         None => Ok(None),
     };
     let upload = LayerUpload {
         case: *case,
-        volume: store.spool_all(source.volume).await?,
+        volume: store.spools().of(source.volume).await?,
         dicom: spooled(source.dicom).await?,
         series,
         images,

@@ -237,12 +237,12 @@ impl Arrivals {
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
     ) -> Result<Vec<(InstanceIdentity, Spooled)>, Error> {
-        let directory = self.store().spool_directory().await?;
+        let directory = self.store().spools().directory().await?;
         let mut without = Vec::with_capacity(images.len());
         for (number, (identity, file)) in images.into_iter().enumerate() {
             let output = directory.path().join(number.to_string());
             let fingerprint = self.cases.headers.deidentify(&file, &output).await?;
-            let file = self.store().spool_file(output).await?;
+            let file = self.store().spools().take(output).await?;
             let identity = InstanceIdentity {
                 fingerprint,
                 ..identity.deidentified()

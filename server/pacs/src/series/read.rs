@@ -149,7 +149,7 @@ impl Arrivals {
         if due.images.is_empty() {
             return Ok(Outcome::Nothing(images_rejected()));
         }
-        let directory = self.store().spool_directory().await?;
+        let directory = self.store().spools().directory().await?;
         if !self.copy_images(due, &directory).await? {
             return Ok(Outcome::Nothing(images_damaged()));
         }
@@ -249,7 +249,7 @@ impl Arrivals {
         let Some(case) = of_patient else {
             return Ok(is_another_here.then(|| Outcome::Nothing(case_of_another_patient(due))));
         };
-        let directory = self.store().spool_directory().await?;
+        let directory = self.store().spools().directory().await?;
         if !self.copy_images(due, &directory).await? {
             return Ok(Some(Outcome::Nothing(images_damaged())));
         }

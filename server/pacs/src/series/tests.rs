@@ -32,7 +32,12 @@ fn uid(text: &str) -> Uid {
 async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let store = Store::in_memory(with_tables()).await.unwrap();
     let arrivals = Arrivals::new(application(store, OUT_OF_MEMORY));
-    let file = arrivals.store().spool_all("an image".into()).await.unwrap();
+    let file = arrivals
+        .store()
+        .spools()
+        .of("an image".into())
+        .await
+        .unwrap();
     let image = NewInstance {
         uids: SeriesUids {
             study: uid("1.2"),

@@ -86,7 +86,7 @@ mod tests {
     }
 
     async fn image(store: &PacsStore, number: u32, contents: &str) -> (NewInstance, Spooled) {
-        let file = store.spool_all(contents.to_owned().into()).await.unwrap();
+        let file = store.spools().of(contents.to_owned().into()).await.unwrap();
         let new = NewInstance {
             uids: SeriesUids {
                 study: uid("1.2"),

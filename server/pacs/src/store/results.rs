@@ -52,7 +52,7 @@ impl PacsStore {
         new: &NewResult,
         file: Bytes,
     ) -> Result<SentResult, StoreError> {
-        let spooled = self.spool_all(file).await?;
+        let spooled = self.spools().of(file).await?;
         let object = Writing::File(new.object(), &spooled);
         let insert = |pinned: Pinned| async move { self.insert_result(new, &pinned).await };
         let queued = self.with_pinned(&[object], insert).await?;

@@ -140,7 +140,7 @@ fn print(number: usize) -> Fingerprint {
 async fn three_images(store: &PacsStore) -> [ObjectName; 3] {
     let mut images = Vec::new();
     for (number, content) in ["image 0", "image 1", "image 2"].into_iter().enumerate() {
-        let file = store.spool_all(content.into()).await.unwrap();
+        let file = store.spools().of(content.into()).await.unwrap();
         let new = NewInstance {
             uids: SeriesUids {
                 study: uid("1.2"),
@@ -196,7 +196,7 @@ async fn copied_of_pacs(from: &PacsStore, to: &PacsStore) -> (Copied, OfPacs, Ve
 /// A case of three images that are kept, and a result of it that was sent.
 async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
     let upload = Upload {
-        volume: store.spool_all("volume".into()).await.unwrap(),
+        volume: store.spools().of("volume".into()).await.unwrap(),
         mask: None,
         dicom: None,
         images: Vec::new(),
@@ -284,7 +284,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let (from, to) = (store(&here).await, store(&there).await);
     let (case, ..) = a_kept_series(&from).await;
-    let spooled = from.spool_all("a FLAIR".into()).await.unwrap();
+    let spooled = from.spools().of("a FLAIR".into()).await.unwrap();
     let upload = LayerUpload {
         case,
         volume: spooled,

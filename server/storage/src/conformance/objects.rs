@@ -2,7 +2,7 @@
 
 use case::ObjectKind;
 
-use crate::identity::Label;
+use crate::label::Label;
 use crate::objects::Objects;
 use crate::{ObjectName, Spool, Unreadable, frame};
 

@@ -12,7 +12,7 @@ use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPay
 use super::frame::{Framed, plain_header, unframe};
 use super::{ObjectError, ObjectName, Spooled, link};
 use crate::error::at;
-use crate::identity::Label;
+use crate::label::Label;
 
 /// The object with the id of the store.
 const LABEL: &str = "store-id";

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row, Value, containing, microseconds};
 use super::made::{self, read_closed};
-use super::{findings, jobs, layers, owners, upkeep};
+use super::{findings, jobs, layers, owners};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{CaseChange, Inserted, Made, NewCase, Owner, Pinned, Published, Referred};
@@ -119,7 +119,7 @@ impl Store {
         images: &[Image],
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let exists = upkeep::uploaded_again(&mut transaction, id, now).await?;
+        let exists = owners::uploaded_again(&mut transaction, id, now).await?;
         if exists && !images.is_empty() {
             made::make(&mut transaction, &Made::case(id), images).await?;
         }
@@ -184,7 +184,7 @@ impl Store {
         let stored = serde_json::to_string(facts)?;
         transaction.execute(
             "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
-            args![&stored, upkeep::digest(&stored), values_of(facts), id.to_string()],
+            args![&stored, owners::digest(&stored), values_of(facts), id.to_string()],
         )
         .await?;
         for &kind in next {
@@ -241,7 +241,7 @@ impl Store {
                 args![
                     case.id.to_string(), case.parameters.closing_radius_mm,
                     without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure,
-                    facts.as_deref(), facts.as_deref().map(upkeep::digest),
+                    facts.as_deref(), facts.as_deref().map(owners::digest),
                     case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
                     case.uploaded_at.as_microsecond(), case.kept,
                     case.previous.map(|id| id.to_string()),
@@ -322,7 +322,7 @@ pub(crate) async fn submit(
     let owner = Owner::from(&new.id);
     let state = owners::state(connection, owner).await?;
     if state.is_some() {
-        upkeep::uploaded_again(connection, &new.id, now).await?;
+        owners::uploaded_again(connection, &new.id, now).await?;
     }
     if state.is_some_and(|state| state != CaseState::Failed) {
         make(connection, new).await?;
@@ -430,7 +430,7 @@ pub(super) async fn change_facts(
     connection
         .execute(
             "UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'",
-            args![&stored, upkeep::digest(&stored), id.to_string()],
+            args![&stored, owners::digest(&stored), id.to_string()],
         )
         .await?;
     Ok(())
@@ -636,7 +636,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     let facts: Option<String> = row.get("facts")?;
     let id = CaseId::parse(&id).ok_or_else(|| unreadable("id"))?;
     let digest: Option<String> = row.get("facts_digest")?;
-    if facts.as_deref().map(upkeep::digest) != digest {
+    if facts.as_deref().map(owners::digest) != digest {
         return Err(StoreError::DamagedFacts(id));
     }
     let [previous, next]: [Option<String>; 2] = [row.get("previous")?, row.get("next")?];

@@ -6,20 +6,96 @@ use case::{Failure, JobKind, STORE_FAILED};
 
 use super::connection::{Connection, microseconds};
 use super::{cases, fence, jobs, layers};
-use crate::jobs::Claim;
+use crate::jobs::{Claim, NewJob};
 use crate::rows::Owner;
-use crate::{StoreError, args};
+use crate::{Store, StoreError, args};
+
+impl Store {
+    /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or do not belong to the objects.
+    pub async fn claim(
+        &self,
+        kind: JobKind,
+        max_attempts: u32,
+    ) -> Result<Option<Claim>, StoreError> {
+        let wanted = Wanted { kind, key: None };
+        // Most queries find nothing and must not wait for writers.
+        let mut reader = self.connect().await?;
+        let now = reader.now().await?;
+        let found = oldest_available(&mut reader, wanted, now).await?;
+        drop(reader);
+        if found.is_none() {
+            return Ok(None);
+        }
+        self.id().await?;
+        let (mut transaction, now) = self.write().await?;
+        let lease = self.options().lease;
+        let claim = claim(&mut transaction, wanted, max_attempts, lease, now).await?;
+        transaction.commit_soon().await?;
+        if let Some(case) = claim.as_ref().and_then(|claim| claim.case) {
+            self.signals().changed(&case);
+        }
+        Ok(claim)
+    }
+
+    /// Ends a job, if the lease is still ours; returns whether it was. With one that has failed for good, what it is about fails.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written. It may have ended even so; objects that nobody needs are then
+    /// removed later.
+    pub async fn finish(
+        &self,
+        claim: &Claim,
+        result: Result<(), &Failure>,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        let is_ours = jobs::finish(&mut transaction, claim, result, now).await?;
+        if let Err(failure) = result
+            && is_ours
+        {
+            fail_item(&mut transaction, claim.kind, &claim.key, failure, now).await?;
+        }
+        transaction.commit().await?;
+        self.job_changed(claim);
+        if is_ours && result.is_err() && claim.kind == JobKind::LAYER {
+            self.collect().await?;
+        }
+        Ok(is_ours)
+    }
+
+    /// Queues a job, unless there is an open one, and leases it; `None` if another process has it, or it failed just now.
+    pub(crate) async fn enqueue_and_claim(
+        &self,
+        new: &NewJob,
+        max_attempts: u32,
+    ) -> Result<Option<Claim>, StoreError> {
+        let (mut transaction, now) = self.write().await?;
+        if !jobs::enqueue_of_case(&mut transaction, new, now).await? {
+            return Ok(None);
+        }
+        let wanted = Wanted {
+            kind: new.kind,
+            key: Some(&new.key),
+        };
+        let lease = self.options().lease;
+        let claim = claim(&mut transaction, wanted, max_attempts, lease, now).await?;
+        transaction.commit().await?;
+        Ok(claim)
+    }
+}
 
 /// Which jobs a worker would do.
 #[derive(Clone, Copy)]
-pub(super) struct Wanted<'a> {
-    pub(super) kind: JobKind,
+struct Wanted<'a> {
+    kind: JobKind,
     /// Any, if it is not given.
-    pub(super) key: Option<&'a str>,
+    key: Option<&'a str>,
 }
 
 /// A job that may be leased.
-pub(super) struct Available {
+struct Available {
     id: String,
     key: String,
     attempts: i64,
@@ -50,7 +126,7 @@ const IN_TURNS: &str = select_available!(
 );
 
 /// The oldest wanted job that waits or whose lease has ended; of preparations the next, for the clients take turns.
-pub(super) async fn oldest_available(
+async fn oldest_available(
     connection: &mut Connection,
     wanted: Wanted<'_>,
     now: i64,
@@ -76,7 +152,7 @@ pub(super) async fn oldest_available(
 }
 
 /// Leases the oldest wanted job. Those with too many attempts behind them fail on the way.
-pub(super) async fn claim(
+async fn claim(
     connection: &mut Connection,
     wanted: Wanted<'_>,
     max_attempts: u32,
@@ -134,7 +210,7 @@ async fn lease(
 }
 
 /// Makes what a job is about failed, if the store knows it.
-pub(super) async fn fail_item(
+async fn fail_item(
     connection: &mut Connection,
     kind: JobKind,
     key: &str,

@@ -58,6 +58,13 @@ pub fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError> {
     Timestamp::from_microsecond(row.get(column)?).map_err(|_| unreadable("a time"))
 }
 
+/// The name in a row with the columns `kind` and `digest`.
+pub(super) fn read_name(row: &Row) -> Result<ObjectName, StoreError> {
+    let [kind, digest]: [String; 2] = [row.get("kind")?, row.get("digest")?];
+    ObjectName::parse(&kind, &digest)
+        .ok_or_else(|| StoreError::Rows("a row names an object of an unknown kind".into()))
+}
+
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
 /// it has had, so what stands here never changes.
 pub type Migrations = [(i64, &'static str, &'static str)];

@@ -1,7 +1,7 @@
 //! The findings of cases.
 
 use super::connection::{Connection, Row};
-use super::upkeep;
+use super::owners;
 use crate::args;
 use crate::findings::{FindingsVersion, NONE, Replaced, StoredFindings};
 use crate::{Store, StoreError};
@@ -28,7 +28,7 @@ impl Store {
     ) -> Result<Replaced, StoreError> {
         let new = StoredFindings::new(document);
         let (mut transaction, now) = self.write().await?;
-        let is_case = upkeep::uploaded_again(&mut transaction, id, now).await?;
+        let is_case = owners::uploaded_again(&mut transaction, id, now).await?;
         if !is_case {
             return Ok(Replaced::NoSuchCase);
         }

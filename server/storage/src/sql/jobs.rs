@@ -5,7 +5,6 @@ use std::time::Duration;
 use case::{CaseId, CaseState, Failure, JobKind, JobState};
 use jiff::Timestamp;
 
-use super::claims::{self, Wanted};
 use super::connection::{Connection, Row, microseconds, new_id};
 use crate::args;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
@@ -55,35 +54,6 @@ impl Store {
         check_room(&mut connection, kind, most, &self.client, now).await
     }
 
-    /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
-    ///
-    /// # Errors
-    /// If the rows cannot be written, or do not belong to the objects.
-    pub async fn claim(
-        &self,
-        kind: JobKind,
-        max_attempts: u32,
-    ) -> Result<Option<Claim>, StoreError> {
-        let wanted = Wanted { kind, key: None };
-        // Most queries find nothing and must not wait for writers.
-        let mut reader = self.connect().await?;
-        let now = reader.now().await?;
-        let found = claims::oldest_available(&mut reader, wanted, now).await?;
-        drop(reader);
-        if found.is_none() {
-            return Ok(None);
-        }
-        self.id().await?;
-        let (mut transaction, now) = self.write().await?;
-        let lease = self.options().lease;
-        let claim = claims::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
-        transaction.commit_soon().await?;
-        if let Some(case) = claim.as_ref().and_then(|claim| claim.case) {
-            self.signals().changed(&case);
-        }
-        Ok(claim)
-    }
-
     /// Renews a lease from now on and notes the progress; `false` if the lease is not ours any more.
     ///
     /// # Errors
@@ -120,51 +90,6 @@ impl Store {
         transaction.commit().await?;
         self.job_changed(claim);
         Ok(released > 0)
-    }
-
-    /// Ends a job, if the lease is still ours; returns whether it was. With one that has failed for good, what it is about fails.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written. It may have ended even so; objects that nobody needs are then
-    /// removed later.
-    pub async fn finish(
-        &self,
-        claim: &Claim,
-        result: Result<(), &Failure>,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
-        let is_ours = finish(&mut transaction, claim, result, now).await?;
-        if let Err(failure) = result
-            && is_ours
-        {
-            claims::fail_item(&mut transaction, claim.kind, &claim.key, failure, now).await?;
-        }
-        transaction.commit().await?;
-        self.job_changed(claim);
-        if is_ours && result.is_err() && claim.kind == JobKind::LAYER {
-            self.collect().await?;
-        }
-        Ok(is_ours)
-    }
-
-    /// Queues a job, unless there is an open one, and leases it; `None` if another process has it, or it failed just now.
-    pub(crate) async fn enqueue_and_claim(
-        &self,
-        new: &NewJob,
-        max_attempts: u32,
-    ) -> Result<Option<Claim>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
-        if !enqueue_of_case(&mut transaction, new, now).await? {
-            return Ok(None);
-        }
-        let wanted = Wanted {
-            kind: new.kind,
-            key: Some(&new.key),
-        };
-        let lease = self.options().lease;
-        let claim = claims::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
-        transaction.commit().await?;
-        Ok(claim)
     }
 
     pub(crate) fn job_changed(&self, claim: &Claim) {
@@ -219,7 +144,7 @@ pub(super) async fn enqueue_for(
 }
 
 /// Adds a job, unless there is an open one; `false` if there is no such case.
-async fn enqueue_of_case(
+pub(super) async fn enqueue_of_case(
     connection: &mut Connection,
     new: &NewJob,
     now: i64,

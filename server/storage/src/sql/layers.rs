@@ -6,9 +6,9 @@ use case::{
 };
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row};
+use super::connection::{Connection, Row, read_name};
 use super::made::{self, read_closed};
-use super::{jobs, owners, pins, upkeep};
+use super::{jobs, owners, pins};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{
@@ -140,7 +140,7 @@ impl Store {
         transaction
             .execute(
                 "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
-                args![&facts, upkeep::digest(&facts), case, layer],
+                args![&facts, owners::digest(&facts), case, layer],
             )
             .await?;
         transaction.commit().await?;
@@ -174,7 +174,7 @@ impl Store {
                 args![
                     layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(),
                     serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(),
-                    facts.as_deref().map(upkeep::digest), layer.created_at.as_microsecond(),
+                    facts.as_deref().map(owners::digest), layer.created_at.as_microsecond(),
                     series.map(Uid::as_str),
                 ],
             )
@@ -341,7 +341,7 @@ pub(super) async fn abandon_all(
             args![case.to_string()],
         )
         .await?;
-    let names = rows.iter().map(pins::read_name);
+    let names = rows.iter().map(read_name);
     pins::abandon(connection, names.collect::<Result<_, _>>()?, now).await
 }
 
@@ -462,7 +462,7 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
     let (case, id) = read_ids(row)?;
     let facts: Option<String> = row.get("facts")?;
     let digest: Option<String> = row.get("facts_digest")?;
-    if facts.as_deref().map(upkeep::digest) != digest {
+    if facts.as_deref().map(owners::digest) != digest {
         return Err(StoreError::DamagedLayer(case, id));
     }
     let parameters: String = row.get("parameters")?;

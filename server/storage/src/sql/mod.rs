@@ -7,6 +7,7 @@
 pub(crate) mod cases;
 mod claims;
 pub(crate) mod connection;
+mod deletion;
 mod expiry;
 mod fence;
 mod findings;

@@ -1,9 +1,9 @@
-//! What cases and layers have in common: a state, a job that prepares them, and the objects that they need.
+//! What cases and layers have in common: a state, a job that prepares them, the digest of their facts, their age, and the objects that they need.
 
-use case::{CaseState, JobKind};
+use case::{CaseId, CaseState, JobKind};
 
-use super::connection::Connection;
-use super::{cases, jobs, layers, pins};
+use super::connection::{Connection, read_name};
+use super::{jobs, pins};
 use crate::args;
 use crate::jobs::NewJob;
 use crate::rows::{Owner, Pinned, Published, Referred};
@@ -58,55 +58,26 @@ impl Store {
         self.signals().changed(&owner.case);
         Ok(true)
     }
+}
 
-    /// Removes a case with its layers, or a layer, and the objects that nothing else needs; `false` if it did not exist. A running
-    /// preparation is cancelled. The operation completes even if the caller drops the future.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written. It may have been removed even so; its objects are then removed later.
-    pub async fn delete(&self, owner: impl Into<Owner>) -> Result<bool, StoreError> {
-        let (store, owner) = (self.clone(), owner.into());
-        let delete = async move {
-            store.id().await?;
-            let deleted = store.delete_rows(owner).await?;
-            if deleted {
-                match owner.layer {
-                    None => store.inner.is_deleted(&owner.case),
-                    Some(_) => store.signals().changed(&owner.case),
-                }
-                store.collect().await?;
-            }
-            Ok(deleted)
-        };
-        tokio::spawn(delete).await?
-    }
+/// The digest of facts, as it is stored beside them.
+pub(super) fn digest(facts: &str) -> String {
+    blake3::hash(facts.as_bytes()).to_string()
+}
 
-    /// Removes the rows of a case or of a layer; returns whether it existed. Its objects are left with expired pins; the versions of a
-    /// case become those of the case that it is a version of.
-    pub(crate) async fn delete_rows(&self, owner: impl Into<Owner>) -> Result<bool, StoreError> {
-        let (transaction, now) = self.write().await?;
-        self.delete_in(transaction, owner.into(), now).await
-    }
-
-    /// The same in a transaction, which is committed.
-    pub(super) async fn delete_in(
-        &self,
-        mut transaction: Connection,
-        owner: Owner,
-        now: i64,
-    ) -> Result<bool, StoreError> {
-        let needed = objects(&mut transaction, owner).await?;
-        pins::abandon(&mut transaction, needed, now).await?;
-        let deleted = match &owner.layer {
-            None => cases::delete(&mut transaction, &owner.case, now).await?,
-            Some(layer) => layers::delete(&mut transaction, &owner.case, layer).await?,
-        };
-        transaction.commit().await?;
-        if deleted {
-            self.rows().database.empty_log().await;
-        }
-        Ok(deleted)
-    }
+/// Lets the age of a case count from now; whether it exists.
+pub(super) async fn uploaded_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let changed = connection
+        .execute(
+            "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
+            args![now, id.to_string()],
+        )
+        .await?;
+    Ok(changed > 0)
 }
 
 /// The state of a case or a layer as it is written; `None` if there is none.
@@ -168,7 +139,7 @@ pub(super) async fn objects(
             args![case, layer.to_string()],
         ),
     };
-    rows.await?.iter().map(pins::read_name).collect()
+    rows.await?.iter().map(read_name).collect()
 }
 
 /// Turns pins into references; `false` if a pin is gone. Objects that are no longer needed are abandoned.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::connection::{Connection, Row, microseconds};
+use super::connection::{Connection, microseconds};
 use super::tombstones;
 use crate::args;
 use crate::rows::Pinned;
@@ -119,11 +119,4 @@ pub async fn abandon(
         names,
     };
     insert(connection, &abandoned, now).await
-}
-
-/// The name in a row with the columns `kind` and `digest`.
-pub(super) fn read_name(row: &Row) -> Result<ObjectName, StoreError> {
-    let [kind, digest]: [String; 2] = [row.get("kind")?, row.get("digest")?];
-    ObjectName::parse(&kind, &digest)
-        .ok_or_else(|| StoreError::Rows("a row names an object of an unknown kind".into()))
 }

@@ -3,7 +3,7 @@
 use super::Rows;
 use crate::StoreError;
 use crate::args;
-use crate::identity::StoreId;
+use crate::label::StoreId;
 
 impl Rows {
     /// The id of the store to which these rows belong; `None` if they belong to none yet.

@@ -1,7 +1,6 @@
 //! Tombstones, which mark objects that a sweep is removing.
 
-use super::connection::{Connection, microseconds};
-use super::pins;
+use super::connection::{Connection, microseconds, read_name};
 use crate::args;
 use crate::rows::Sweep;
 use crate::{ObjectName, Store, StoreError};
@@ -22,7 +21,7 @@ impl Store {
                 args![now, i64::try_from(limit).unwrap_or(i64::MAX)],
             )
             .await?;
-        rows.iter().map(pins::read_name).collect()
+        rows.iter().map(read_name).collect()
     }
 
     /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other

@@ -1,11 +1,11 @@
-//! What the upkeep of a store asks the rows: digests that protect the facts of cases, and how old the rows are.
+//! What the upkeep of a store asks the rows: how much there is, and how old the rows are.
 
 use super::connection::{Connection, Row, microseconds};
 use super::{cases, jobs};
 use crate::args;
 use crate::rows::RowCounts;
 use crate::{ObjectName, Store, StoreError};
-use case::{CaseId, ObjectKind};
+use case::ObjectKind;
 
 impl Store {
     /// How many cases and jobs are in which state, and how long jobs have waited, for metrics.
@@ -55,26 +55,6 @@ impl Store {
         let tables = connection.tables();
         tables.objects(&mut connection, kind, after, limit).await
     }
-}
-
-/// The digest of facts, as it is stored beside them.
-pub(super) fn digest(facts: &str) -> String {
-    blake3::hash(facts.as_bytes()).to_string()
-}
-
-/// Lets the age of a case count from now; whether it exists.
-pub(super) async fn uploaded_again(
-    connection: &mut Connection,
-    id: &CaseId,
-    now: i64,
-) -> Result<bool, StoreError> {
-    let changed = connection
-        .execute(
-            "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
-            args![now, id.to_string()],
-        )
-        .await?;
-    Ok(changed > 0)
 }
 
 /// When the latest case, layer or finding was written; `None` if there is none.

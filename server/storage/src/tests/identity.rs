@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use super::*;
-use crate::identity::{self, Label};
+use crate::identity;
+use crate::label::Label;
 use crate::testing::postgres::PostgresServer;
 use crate::testing::s3::{BUCKET, S3Server};
 

@@ -217,7 +217,7 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
     assert!(store.unreferenced().await.unwrap().is_newer_than_rows);
     store.remove_unreferenced(&[newer]).await.unwrap();
     for number in 0..20 {
-        let volume = store.spool_all(format!("volume {number}").into()).await;
+        let volume = store.spools().of(format!("volume {number}").into()).await;
         let upload = Upload {
             volume: volume.unwrap(),
             mask: None,
@@ -288,7 +288,7 @@ async fn a_lost_manifest_is_written_again() {
     let case = ready(&store, "volume").await;
     let upload = LayerUpload {
         case,
-        volume: store.spool_all("a T2".into()).await.unwrap(),
+        volume: store.spools().of("a T2".into()).await.unwrap(),
         dicom: None,
         images: Vec::new(),
         series: None,

@@ -67,7 +67,7 @@ async fn lost_attributes_are_an_error_and_not_a_case_without_any() {
     let directory = tempfile::tempdir().unwrap();
     let store = store(&directory).await;
     let dicom = Upload {
-        dicom: Some(store.spool_all("whose".into()).await.unwrap()),
+        dicom: Some(store.spools().of("whose".into()).await.unwrap()),
         ..upload(&store, "volume", None).await
     };
     let submitted = store.submit(dicom, Parameters::default(), None).await;

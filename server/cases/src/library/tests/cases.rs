@@ -148,7 +148,7 @@ async fn preparations_wait_until_there_is_memory_for_their_processes() {
 async fn an_upload_that_is_cut_leaves_nothing() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let library = open(&directory, &fake).await;
-    let mut spool = library.store().spool().await.unwrap();
+    let mut spool = library.store().spools().begin().await.unwrap();
     spool
         .write(Bytes::from_static(b"half of a vol"))
         .await
@@ -161,7 +161,7 @@ async fn an_upload_that_is_cut_leaves_nothing() {
         (13, 1)
     );
     drop(spool);
-    let mut spool = library.store().spool().await.unwrap();
+    let mut spool = library.store().spools().begin().await.unwrap();
     spool.write(Bytes::from_static(b"volume")).await.unwrap();
     let spooled = spool.finish().await.unwrap();
     assert_eq!(*spooled.digest(), blake3::hash(b"volume"));

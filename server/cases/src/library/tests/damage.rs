@@ -260,7 +260,7 @@ async fn a_layer_waits_for_its_source_and_one_that_is_ready_stays_so() {
     let case = submitted.await.unwrap().case.id;
     assert!(prepare_one(&library).await);
     let store = library.store();
-    let volume = store.spool_all(nifti(&phantom().volume)).await;
+    let volume = store.spools().of(nifti(&phantom().volume)).await;
     let layer_upload = LayerUpload {
         case,
         volume: volume.unwrap(),

@@ -16,7 +16,7 @@ use crate::testing::{Fake, fake_objects, settled_state, submit};
 /// Does the steps of an upload and its preparation one by one, and stops before the given one, as a killed process would.
 async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     let library = open(directory, fake).await;
-    let mut spool = library.store().spool().await.unwrap();
+    let mut spool = library.store().spools().begin().await.unwrap();
     spool.write(Bytes::from_static(b"volume")).await.unwrap();
     if step == 0 {
         return std::mem::forget(spool);

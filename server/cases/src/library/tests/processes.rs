@@ -21,7 +21,7 @@ async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     let workers = start_workers(first.clone(), 1);
     let id = submit(&first, "volume").await.id;
     fake.until_active().await;
-    let mut spool = first.store().spool().await.unwrap();
+    let mut spool = first.store().spools().begin().await.unwrap();
     spool.write(Bytes::from_static(b"second")).await.unwrap();
     let pinned = frame_all(fake_objects(b"about to be published"))
         .await

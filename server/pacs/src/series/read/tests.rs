@@ -273,7 +273,7 @@ impl World {
 
     async fn send(&mut self, name: ImageName, version: Version) {
         let file = contents(name, version);
-        let file = self.store().spool_all(file.into()).await.unwrap();
+        let file = self.store().spools().of(file.into()).await.unwrap();
         let image = NewInstance {
             uids: uids(version.series),
             accession_number: None,
@@ -397,7 +397,7 @@ impl World {
     async fn upload(&mut self, of: usize, version: Version) {
         let all: BTreeMap<_, _> = (0..IMAGES).map(|number| ((of, number), version)).collect();
         self.describe(&all);
-        let directory = self.store().spool_directory().await.unwrap();
+        let directory = self.store().spools().directory().await.unwrap();
         let files = VolumeFiles::Dicom(directory);
         let read = self
             .arrivals

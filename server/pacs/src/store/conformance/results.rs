@@ -47,7 +47,7 @@ pub(crate) fn new_result(case: CaseId, node: &str, contents: &str) -> NewResult 
 async fn a_layer_of(store: &PacsStore, case: CaseId, image: Image) -> LayerId {
     let upload = LayerUpload {
         case,
-        volume: store.spool_all("a layer".into()).await.unwrap(),
+        volume: store.spools().of("a layer".into()).await.unwrap(),
         dicom: None,
         images: vec![image],
         series: None,

@@ -129,7 +129,7 @@ impl<'a> Incoming<'a> {
         &self,
         mut pieces: impl Stream<Item = Result<Bytes, E>> + Unpin,
     ) -> Result<Spooled, AppError> {
-        let mut spool = self.store.spool().await?;
+        let mut spool = self.store.spools().begin().await?;
         while let Some(bytes) = self.next(&mut pieces).await? {
             if spool.len() + bytes.len() as u64 > self.limits.max_bytes {
                 return Err(too_large(&self.limits));
@@ -180,7 +180,7 @@ impl DicomParts {
         }
         let directory = match &mut self.directory {
             Some(directory) => directory,
-            empty => empty.insert(incoming.store.spool_directory().await?),
+            empty => empty.insert(incoming.store.spools().directory().await?),
         };
         let path = directory.path().join(self.count.to_string());
         self.count += 1;
