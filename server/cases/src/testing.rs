@@ -6,7 +6,9 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bytes::Bytes;
-use case::{Case, CaseId, CaseState, Failure, ObjectKind, Parameters, Progress, Stage};
+use case::{
+    Case, CaseId, CaseState, Failure, FailureKind, ObjectKind, Parameters, Progress, Stage,
+};
 use imaging::Limits;
 use pipeline::atlas::AtlasChoice;
 use pipeline::{Derived, HeadLimits, Source};
@@ -68,7 +70,11 @@ impl Fake {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
-        self.runs.lock().unwrap().push(source.volume.clone());
+        let is_first = {
+            let mut runs = self.runs.lock().unwrap();
+            runs.push(source.volume.clone());
+            runs.iter().filter(|run| **run == source.volume).count() == 1
+        };
         let active = 1 + self.active.fetch_add(1, Ordering::Relaxed);
         self.most.fetch_max(active, Ordering::Relaxed);
         observe(Progress::at(Stage::Forest));
@@ -81,6 +87,11 @@ impl Fake {
         }
         match &source.volume[..] {
             b"bad" => Err(failure()),
+            b"interrupted" if is_first => Err(Failure::new(
+                FailureKind::Cancelled,
+                "cancelled",
+                "a process was ended",
+            )),
             b"panic" => panic!("a fault of the program, on purpose"),
             volume => Ok(Derived {
                 objects: fake_objects(volume),

@@ -98,8 +98,10 @@ export class Cases {
     if (!this.isListed.value) return t("cases.asking");
     if (this.all.value.length === 0) return t("cases.none");
     if (this.wanted.value.length > 0) return "";
-    const isKnown = this.#next.value === null || this.#looked.value === this.search.value;
-    return t(isKnown ? "cases.no-match" : "cases.looking");
+    if (this.#next.value === null) return t("cases.no-match");
+    // Of what is beyond the list, the server knows the labels alone.
+    if (this.#looked.value !== this.search.value) return t("cases.looking");
+    return t("cases.no-label", { number: this.all.value.length });
   });
   readonly #progress = new Progress((one) => this.#hear(one));
   #timer = 0;

@@ -129,7 +129,9 @@ fn signs_and_slopes_are_those_of_the_header() {
 #[test]
 fn slices_with_slopes_of_their_own_are_brought_to_one() {
     let mut slices = slices(3);
-    slices[1].rescale = Some([3.0, 1.0]);
+    for (slice, rescale) in slices.iter_mut().zip([[1.0, 0.0], [3.0, 1.0], [1.0, 0.0]]) {
+        slice.rescale = Some(rescale);
+    }
     let volume = volume(&converted(files(&slices, Syntax::Explicit)).unwrap());
     let of_slice = |slice: usize| volume.intensity(f32::from(volume.voxels()[30 * slice + 4]));
     assert!((of_slice(0) - 104.0).abs() < 0.01);

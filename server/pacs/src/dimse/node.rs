@@ -435,6 +435,7 @@ mod tests {
 
     #[tokio::test]
     async fn an_object_arrives_as_it_is_in_both_syntaxes() {
+        const PIXEL_DATA: dicom_object::Tag = dicom_object::Tag(0x7FE0, 0x0010);
         let file = file();
         let object = Object::read(file.clone()).unwrap();
         let (sent, received) = sent_to(Node::Stores(EXPLICIT, Status::Success)).await;
@@ -447,12 +448,14 @@ mod tests {
         let again = [&head[..], &received].concat();
         let values = |file: &[u8]| {
             let object = dicom_object::from_reader(file).unwrap();
-            let values = object.iter();
-            let values = values.map(|element| element.to_str().ok().map(Cow::into_owned));
+            let values = object.iter().map(|element| (element.header().tag, element));
+            let values = values.filter(|(tag, _)| *tag != PIXEL_DATA);
+            let values =
+                values.map(|(tag, element)| (tag, element.to_str().ok().map(Cow::into_owned)));
             values.collect::<Vec<_>>()
         };
         assert_eq!(values(&again), values(&file));
-        // The pixels stand last.
+        // The pixels stand last, in words where the representation is implicit.
         assert_eq!(received[received.len() - 100..], file[file.len() - 100..]);
     }
 

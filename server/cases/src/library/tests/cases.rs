@@ -191,6 +191,10 @@ async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
     let case = settled(&library, &id).await.unwrap();
     assert_eq!(case.failure.unwrap().name, "preparation-crashed");
     assert_eq!(library.store().signals().counters().failed, 3);
+    let id = submit(&library, "interrupted").await.id;
+    let case = settled(&library, &id).await.unwrap();
+    assert_eq!(case.state, CaseState::Ready, "it is tried again by itself");
+    assert_eq!(library.store().signals().counters().failed, 3);
     workers.shut_down(GRACE).await;
 }
 
