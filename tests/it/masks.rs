@@ -287,10 +287,32 @@ async fn a_version_outlives_the_case_that_it_was_made_of() {
     server.is_empty_and_well().await;
 }
 
+/// The plain head with fluid at its border, as a brain has that lost no more than its skull.
+fn head_with_fluid() -> Vec<u8> {
+    let mut head = plain_head();
+    let [nx, ny, _] = head.size.map(|side| side as usize);
+    let Data::I16(voxels) = &mut head.data else {
+        unreachable!()
+    };
+    let all = voxels.clone();
+    for (index, voxel) in voxels
+        .iter_mut()
+        .enumerate()
+        .filter(|(_, voxel)| **voxel > 0)
+    {
+        let steps = [1, nx, nx * ny];
+        let is_border = steps
+            .iter()
+            .any(|step| all[index - step] == 0 || all[index + step] == 0);
+        *voxel /= if is_border { 3 } else { 1 };
+    }
+    head.bytes()
+}
+
 #[tokio::test]
 async fn what_is_unusual_about_a_mask_is_said_before_anyone_reads_the_case() {
     let server = Server::start().await;
-    let case = server.plain_case().await;
+    let case = server.prepared(&[("volume", &head_with_fluid())]).await;
     let usual = server.get(&case).await.json();
     assert_eq!(usual["quality"]["state"], "ok");
     assert_eq!(usual["quality"]["reasons"], serde_json::json!([]));

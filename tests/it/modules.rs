@@ -39,7 +39,7 @@ fn paths(tree: &str) -> Vec<String> {
             '{' => outer.push(path.clone()),
             ',' | '}' => {
                 found.push(path);
-                outer.truncate(outer.len() - usize::from(letter == '}'));
+                outer.truncate(outer.len().saturating_sub(usize::from(letter == '}')));
                 path = outer.last().cloned().unwrap_or_default();
             }
             letter => path.extend(Some(letter).filter(|letter| !letter.is_whitespace())),

@@ -105,8 +105,8 @@ impl FileReader {
         // A process that is too slow is ended with its handle.
         let stated = match answer {
             Ok(Some(stated)) => stated,
-            Ok(None) => return Err(process.why().await),
-            Err(_elapsed) => return Err(died().into()),
+            Ok(None) if process.was_interrupted().await => return Err(Error::Interrupted),
+            Ok(None) | Err(_) => return Err(died().into()),
         };
         match stated {
             Stated::Read(found) => Ok(found),

@@ -14,7 +14,6 @@ use tokio::process::{Child, ChildStdin, ChildStdout};
 use crate::SUBCOMMAND;
 use crate::error::Error;
 use crate::message::Order;
-use crate::reader::died;
 
 /// The greatest number of files or series to read at a time; each may need more memory than a volume.
 const MOST_AT_A_TIME: usize = 4;
@@ -105,12 +104,10 @@ impl Process {
         Ok(())
     }
 
-    /// Why it ended without an answer.
-    pub(crate) async fn why(&mut self) -> Error {
-        match tokio::time::timeout(ENDS_WITHIN, self.child.wait()).await {
-            Ok(Ok(status)) if was_interrupted(status) => Error::Interrupted,
-            _ => died().into(),
-        }
+    /// Whether it ended without an answer because it [was interrupted](was_interrupted).
+    pub(crate) async fn was_interrupted(&mut self) -> bool {
+        let ended = tokio::time::timeout(ENDS_WITHIN, self.child.wait()).await;
+        matches!(ended, Ok(Ok(status)) if was_interrupted(status))
     }
 
     /// The answer on its standard output; `None` if it does not answer as it must.
