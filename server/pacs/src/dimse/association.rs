@@ -154,7 +154,6 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         peer: &request.calling_ae_title,
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
-        why: String::new(),
     };
     let peer_max_length = peer_max_length(&request.user_variables);
     let ended = exchange(wire, &mut messages, peer_max_length, options).await;
@@ -236,8 +235,6 @@ struct Messages<'a> {
     event: Event,
     /// Whether it is on record that images come.
     is_announced: bool,
-    /// Why the image that was read last is refused.
-    why: String,
 }
 
 enum State {
@@ -299,13 +296,17 @@ impl Messages<'_> {
                     };
                     return Ok(None);
                 }
-                let status = match file.finish().await {
+                let stored = match file.finish().await {
                     Ok(file) => self.store(&request, file).await,
-                    Err(error) => status_of(&error.into()),
+                    Err(error) => Err(error.into()),
+                };
+                let status = stored.as_ref().map_or_else(status_of, |status| *status);
+                let why = match &stored {
+                    Err(Error::Failure(failure)) => &failure.detail,
+                    _ => "",
                 };
                 self.count(status);
-                let why = std::mem::take(&mut self.why);
-                Ok(Some((context, request.response_with(status, &why))))
+                Ok(Some((context, request.response_with(status, why))))
             }
             State::Ignored {
                 request,
@@ -452,62 +453,50 @@ impl Messages<'_> {
     }
 
     /// Makes an image durable.
-    async fn store(&mut self, request: &Request, file: Spooled) -> Status {
+    async fn store(&mut self, request: &Request, file: Spooled) -> Result<Status, Error> {
         let Request::Store { object, .. } = request else {
-            return Status::ProcessingFailure;
+            return Ok(Status::ProcessingFailure);
         };
         let identity = match self.arrivals.cases.headers.read(&file).await {
-            Ok(identity) => identity,
             // Nothing of it is kept, so nothing of it need be understood, unless it may be a rejection note.
             Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
-                return Status::Success;
+                return Ok(Status::Success);
             }
-            Err(error) => {
-                if let Error::Failure(failure) = &error {
-                    self.why.clone_from(&failure.detail);
-                }
-                return status_of(&error);
-            }
+            read => read?,
         };
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
             && identity.sop_instance_uid.as_str() == object.sop_instance_uid;
         if !is_same {
-            return Status::DataSetDoesNotMatch;
+            return Ok(Status::DataSetDoesNotMatch);
         }
         let source = ArrivalSource::CStore;
         if !identity.is_image {
             if !self.ignores_other_objects {
-                return Status::ClassNotSupported;
-            }
-            if identity.rejection.is_some() && !self.may_reject {
-                let by = &self.event.who;
-                return match self.arrivals.refuse_rejection(identity, source, by).await {
-                    Ok(()) => Status::NotAuthorized,
-                    Err(error) => status_of(&error),
-                };
+                return Ok(Status::ClassNotSupported);
             }
             let by = &self.event.who;
-            return match self.arrivals.ignore(identity, source, by).await {
-                Ok(true) => Status::Corrected,
-                Ok(false) => Status::Success,
-                Err(error) => status_of(&error),
-            };
+            if identity.rejection.is_some() && !self.may_reject {
+                let refused = self.arrivals.refuse_rejection(identity, source, by);
+                refused.await?;
+                return Ok(Status::NotAuthorized);
+            }
+            return Ok(match self.arrivals.ignore(identity, source, by).await? {
+                true => Status::Corrected,
+                false => Status::Success,
+            });
         }
         let study = digest_of_uid(identity.uids.study.as_str());
         let images = vec![(identity, file)];
-        let received = match self.arrivals.receive(images, source).await {
-            Ok(received) => received,
-            Err(error) => return status_of(&error),
-        };
+        let received = self.arrivals.receive(images, source).await?;
         let received = received.first();
         if received != Some(&Reception::Refused) {
             *self.studies.entry(study).or_default() += 1;
         }
-        match received {
+        Ok(match received {
             Some(Reception::Corrected) => Status::Corrected,
             Some(Reception::Refused) => Status::CannotUnderstand,
             Some(Reception::New | Reception::Known) | None => Status::Success,
-        }
+        })
     }
 
     /// Whether an object is of a class of which nothing is kept.

@@ -282,6 +282,24 @@ mod tests {
     }
 
     #[test]
+    fn an_instance_whose_uid_is_none_is_a_request_all_the_same() {
+        let of = |class: &str, instance: &str| {
+            Request::parse(&store_request(&ObjectName {
+                sop_class_uid: class.to_owned(),
+                sop_instance_uid: instance.to_owned(),
+            }))
+        };
+        let class = "1.2.840.10008.5.1.4.1.1.4";
+        let Some(Request::Store { object, .. }) = of(class, "anonymized") else {
+            panic!("it is refused with its image, and the association goes on");
+        };
+        assert_eq!(object.sop_instance_uid, "anonymized");
+        for (class, instance) in [("anonymized", "1.2.3"), (class, ""), (class, "a b")] {
+            assert_eq!(of(class, instance), None, "{class} {instance}");
+        }
+    }
+
+    #[test]
     fn our_request_is_understood_and_its_response_has_its_status() {
         let object = ObjectName {
             sop_class_uid: "1.2.840.10008.5.1.4.1.1.7".to_owned(),
