@@ -83,8 +83,7 @@ pub(crate) fn without_scalp(volume: &Volume, distance: &DistanceMap) -> Option<[
         }
         let at = |mm: f32| {
             let position = place.position + outwards * f64::from(mm);
-            let stored = volume.sample(native_from_patient.transform_point3(position).as_vec3());
-            stored.map(|stored| scale.of_stored(stored))
+            scale.at(volume, native_from_patient, position)
         };
         if at(ROOM_MM).is_none() {
             continue;
@@ -111,12 +110,11 @@ pub(crate) fn without_scalp(volume: &Volume, distance: &DistanceMap) -> Option<[
 pub(crate) fn brightness_of_rim(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
     let scale = Scale::of(volume, distance)?;
     let native_from_patient = volume.grid().voxel_from_patient();
-    let at = |place: Place| {
-        let position = place.position + place.inwards * SHALLOW_MM;
-        let stored = volume.sample(native_from_patient.transform_point3(position).as_vec3())?;
-        Some(scale.of_stored(stored)).filter(|&value| value > 0.0)
-    };
-    let mut values: Vec<f32> = border(distance).into_iter().filter_map(at).collect();
+    let shallow = border(distance)
+        .into_iter()
+        .map(|place| place.position + place.inwards * SHALLOW_MM);
+    let values = shallow.filter_map(|position| scale.at(volume, native_from_patient, position));
+    let mut values: Vec<f32> = values.filter(|&value| value > 0.0).collect();
     let rank = values.len().checked_sub(1)? / 2;
     let median = *values.select_nth_unstable_by(rank, f32::total_cmp).1;
     Some(f64::from(median))
@@ -177,8 +175,7 @@ fn share(volume: &Volume, scale: &Scale, border: &[Place], how: DAffine3) -> Opt
     let looks_like_a_brain = |place: &Place| {
         let at = |mm: f32| {
             let position = place.position + place.inwards * f64::from(mm);
-            let native = native_from_patient.transform_point3(position).as_vec3();
-            volume.sample(native).map(|stored| scale.of_stored(stored))
+            scale.at(volume, native_from_patient, position)
         };
         let within = mean(WITHIN_MM.map(at).into_iter())?;
         let around = mean(AROUND_MM.map(|mm| at(-mm)).into_iter())?;
@@ -224,8 +221,10 @@ impl Scale {
         })
     }
 
-    fn of_stored(&self, stored: f32) -> f32 {
-        (stored - self.dark) * self.per_stored
+    /// The value of a volume at a position (LPS mm); `None` outside.
+    fn at(&self, volume: &Volume, native_from_patient: DAffine3, position: DVec3) -> Option<f32> {
+        let stored = volume.sample(native_from_patient.transform_point3(position).as_vec3())?;
+        Some((stored - self.dark) * self.per_stored)
     }
 }
 
