@@ -13,8 +13,7 @@ import time
 from contextlib import ExitStack
 
 from attack import FORM, Report, Server, form, head, is_short, memory_mb
-from cluster import Shared
-from cluster import files_below as all_below
+from cluster import Shared, files_below
 
 ROUNDS, CUT = (20, 20) if is_short() else (1000, 200)
 
@@ -40,9 +39,9 @@ def cases(server):
     return server.json("/v1/cases")["cases"]
 
 
-def files_below(folder):
-    """The files of a store but the one that names it."""
-    return [path for path in all_below(folder) if path != "store-id"]
+def kept_in(objects):
+    """The objects of a store but the one that names it."""
+    return [path for path in files_below(objects) if path != "store-id"]
 
 
 def one_of_many(report, kind, server, objects):
@@ -55,10 +54,10 @@ def one_of_many(report, kind, server, objects):
     settled = server.until_settled(address)
     begun = [line for line in server.log().splitlines() if "beginning a job" in line]
     jobs = sum("prepare" in line for line in begun)
-    sources = [path for path in files_below(objects) if path.startswith("source-volume")]
+    sources = [path for path in kept_in(objects) if path.startswith("source-volume")]
     with_frame = os.path.getsize(os.path.join(objects, sources[0]))
     server.ask("DELETE", address)
-    left = files_below(objects)
+    left = kept_in(objects)
     measured = (
         f"{kind}: {len(answers)} uploads, {len(locations)} case, {len(sources)} source of {len(study)} + {with_frame - len(study)} bytes, "
         f"{jobs} job; {len(left)} objects after DELETE"
@@ -87,8 +86,8 @@ def again_and_again(report, kind, server, objects):
     wrong = [line for line in words.splitlines() if line.startswith(("missing", "damaged"))]
     orphans = sum(line.startswith("unreferenced") for line in words.splitlines())
     server.ask("DELETE", headers["location"])
-    measured = f"{kind}: {ROUNDS} rounds, {len(wrong)} missing or damaged, {orphans} unreferenced, {len(files_below(objects))} left at the end; {statuses}"
-    met = not wrong and orphans <= 1 and state == "ready" and not files_below(objects) and set(statuses) <= {200, 202}
+    measured = f"{kind}: {ROUNDS} rounds, {len(wrong)} missing or damaged, {orphans} unreferenced, {len(kept_in(objects))} left at the end; {statuses}"
+    met = not wrong and orphans <= 1 and state == "ready" and not kept_in(objects) and set(statuses) <= {200, 202}
     report.target("A6", "1,000 rounds of upload, delete and sweep of one content: nothing missing, at most one orphan", measured, met)
 
 
@@ -110,11 +109,11 @@ def cut_off(report, kind, server, objects):
     # The server may still be reading what was sent before the reset: only a second without a file is an end.
     seen = started
     while time.monotonic() - seen < 1 and time.monotonic() - started < 60:
-        if files_below(uploads) or files_below(objects):
+        if files_below(uploads) or kept_in(objects):
             seen = time.monotonic()
         time.sleep(0.1)
     waited = seen - started
-    rows, left = len(cases(server)), files_below(uploads) + files_below(objects)
+    rows, left = len(cases(server)), files_below(uploads) + kept_in(objects)
     grown = memory_mb(server.process.pid) / before - 1
     measured = f"{kind}: {CUT} cut uploads, {rows} cases, {len(left)} files {left[:3] or ''} after {waited:.1f} s, memory {100 * grown:+.0f} %"
     report.target("A7", "200 uploads cut at random bytes: no case, no file after 60 s, memory within 10 %", measured, not rows and not left and grown <= 0.1)

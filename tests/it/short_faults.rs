@@ -18,8 +18,7 @@ fn holds(name: &str) {
         .env_remove("ISOCORTEX_FAULTS_TABLE")
         .output();
     let Ok(run) = run else {
-        assert!(std::env::var("CI").is_err(), "python3 is missing");
-        return eprintln!("SKIPPED: python3 is missing");
+        return crate::skipped("python3 is missing");
     };
     let written = [run.stdout, run.stderr].concat();
     let written = String::from_utf8_lossy(&written);

@@ -57,7 +57,7 @@ impl Default for LibraryOptions {
 
 /// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
-/// The function is told each step as it begins, and ends soon after the flag is raised.
+/// It reports each step when that begins, and ends soon after the flag is raised.
 pub type PrepareFn = dyn Fn(
         &Source,
         &Parameters,
