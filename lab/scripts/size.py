@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Prints how large each crate is at a commit: lines of code, of comments and of tests, none of them blank; and the words of documents.
+"""Prints how large the project is at a commit: lines of code, of comments and of tests of each crate, none of them blank; words of documents;
+structs, public methods of Store and Cases, routes and crates locked.
 
     lab/scripts/size.py [COMMIT]
 
@@ -62,6 +63,7 @@ for path in git("ls-tree", "-r", "--name-only", commit).splitlines():
         sources[path] = git("show", f"{commit}:{path}").splitlines()
 for_tests = tuple(module for path, lines in sources.items() for module in test_modules(path, lines))
 crates = defaultdict(Counter)
+product = []
 for path, lines in sources.items():
     is_for_tests = is_test_file(path) or any(path == f"{module}.rs" or path.startswith(f"{module}/") for module in for_tests)
     tests = range(len(lines)) if is_for_tests else test_lines(lines)
@@ -70,6 +72,8 @@ for path, lines in sources.items():
             continue
         kind = "tests" if number in tests else "comments" if line.strip().startswith("//") else "code"
         crates[crate_of(path)][kind] += 1
+        if kind == "code" and path.startswith("server/"):
+            product.append(line)
 
 total = Counter()
 print("| crate | code | comments | tests |\n|---|---|---|---|")
@@ -85,3 +89,32 @@ for path in git("ls-tree", "-r", "--name-only", commit).splitlines():
 print("\n| documents in | words |\n|---|---|")
 for folder, count in sorted(words.items()):
     print(f"| {folder} | {count:,} |")
+
+
+def count(pattern, text):
+    return len(re.findall(pattern, text, re.MULTILINE))
+
+
+def public_methods(name):
+    """The public functions in the blocks `impl NAME {`."""
+    blocks = re.findall(rf"^impl {name} \{{\n(.*?)^\}}", "\n".join(product), re.MULTILINE | re.DOTALL)
+    return sum(count(r"^    pub (?:async )?fn ", block) for block in blocks)
+
+
+def text_of(path):
+    return git("show", f"{commit}:{path}")
+
+
+code = "\n".join(product)
+scripts = [path for path in git("ls-tree", "-r", "--name-only", commit, "web/src").splitlines() if path.endswith((".ts", ".tsx"))]
+print("\n| | count |\n|---|---|")
+for name, number in [
+    ("structs of the server", count(r"^\s*(?:pub(?:\(.*?\))? )?struct ", code)),
+    ("enums of the server", count(r"^\s*(?:pub(?:\(.*?\))? )?enum ", code)),
+    ("public methods of `Store`", public_methods("Store")),
+    ("public methods of `Cases`", public_methods("Cases")),
+    ("operations of the HTTP interface", count(r"^#\[utoipa::path\(", code)),
+    ("crates locked", count(r"^name = ", text_of("Cargo.lock"))),
+    ("lines of TypeScript in web/src", sum(len([line for line in text_of(path).splitlines() if line.strip()]) for path in scripts)),
+]:
+    print(f"| {name} | {number:,} |")
