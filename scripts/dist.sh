@@ -67,6 +67,7 @@ stage() {
   git ls-files -z README.md SECURITY.md CHANGELOG.md ARCHITECTURE.md CONTRIBUTING.md lab/README.md lab/docs web/README.md tests/faults/README.md fuzz/README.md server/service/src/wire/README.md scripts/example-layers.py LICENSE-MIT LICENSE-APACHE NOTICE docs docker scripts/debian/isocortex.{toml,service} |
     tar -cf - --null -T - | tar -xf - -C "$doc"
   cp "$head/../../doc/mricron-data/copyright" "$doc/COLIN27"
+  scripts/sbom.py --licences "$doc/LICENCES-OF-CRATES" "$target"
   # It runs the program, so a package is made on a machine of its own kind.
   "$root/bin/isocortex" manual "$root/share"
   chmod -R u=rwX,go=rX "$root"
