@@ -1,12 +1,19 @@
 //! Draws the pictures of a result.
 
-use case::{CaseId, LayerId};
-use cases::pictures::{CheckedPicture, Layout, PicturePlan, PictureSeries, SeriesPicture, marked};
+use std::fmt::Display;
+
+use case::{Case, CaseFacts, CaseId};
+use cases::pictures::{
+    CheckedPicture, Layout, Numbers, PicturePlan, PictureRequest, PictureSeries, SeriesPicture,
+    marked, window_of,
+};
 use cases::{Cases, Error};
-use imaging::dicom::write::Picture;
-use render::{Frame, PixelFormat, Sheet};
+use imaging::dicom::write::{self, Picture};
+use render::{Frame, PixelFormat, Sheet, WindowFunction};
 
 use super::directions;
+use super::outline::{COMMENT, Outline};
+use super::request::What;
 
 /// The pictures of a plan, with what draws them.
 #[derive(Debug)]
@@ -24,27 +31,85 @@ impl Drawing {
         })
     }
 
-    pub(crate) fn plan(&self) -> &PicturePlan {
-        &self.plan
+    pub(super) fn outline(&self, what: What, case: &Case, facts: &CaseFacts) -> Outline {
+        Outline {
+            derivation: self.derivation(case, facts),
+            is_annotated: self.series.identity().is_some(),
+            depth_mm: self.ends()[0].depth_mm,
+            layers: self.series.layers(),
+            made_by: self.made_by(),
+            ..Outline::new(write::PICTURE, self.shown(what))
+        }
     }
 
-    /// The uploaded layers that it shows, also as the source of a map.
-    pub(crate) fn layers(&self) -> Vec<LayerId> {
-        self.series.layers()
+    /// The first and the last picture.
+    fn ends(&self) -> [&PictureRequest; 2] {
+        let pictures = &self.plan.pictures;
+        [&pictures[0].asked, &pictures[pictures.len() - 1].asked]
     }
 
-    /// The renderer, such as `trace`.
-    pub(crate) fn renderer(&self) -> &'static str {
-        self.series.renderer()
+    /// What viewers show in their list.
+    fn shown(&self, what: What) -> String {
+        let [first, last] = self.ends();
+        let depths = range(first.depth_mm, last.depth_mm);
+        let view = first.view.map_or("", |view| view.name());
+        match what {
+            What::View if view.is_empty() => format!("view at {depths} mm"),
+            What::View => format!("{view} view at {depths} mm"),
+            _ => format!("{} at {depths} mm", what.name()),
+        }
     }
 
-    /// Whether what identifies the case is written into the pictures.
-    pub(crate) fn is_annotated(&self) -> bool {
-        self.series.identity().is_some()
+    /// How the pixels are made.
+    fn derivation(&self, case: &Case, facts: &CaseFacts) -> String {
+        let [first, last] = self.ends();
+        let [width, height] = [first.width, first.height];
+        let depth = range(first.depth_mm, last.depth_mm);
+        let slab = range(first.slab_mm, last.slab_mm);
+        let radius = case.parameters.closing_radius_mm;
+        let mut text = format!(
+            "Isosurface {depth} mm below the envelope of the {} (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
+            first.surface.words().unwrap_or("brain"),
+            self.series.renderer(),
+        );
+        text += &match &self.plan.layout {
+            Layout::Sheet { .. } => "a row for each depth and a column for each view, ".to_owned(),
+            Layout::Separate | Layout::Animation { .. } => format!("view {}, ", first.direction()),
+        };
+        text += &match first.window {
+            Some(Numbers([centre, width])) => {
+                let function = match first.window_function {
+                    Some(WindowFunction::Sigmoid) => "sigmoid ",
+                    Some(WindowFunction::Linear) | None => "",
+                };
+                format!("{function}window centre {centre} and width {width}, ")
+            }
+            None if first.layer.is_some() => "window of the layer, ".to_owned(),
+            None => {
+                let shown = window_of(facts);
+                format!(
+                    "window centre {} and width {}, ",
+                    shown.centre(),
+                    shown.width()
+                )
+            }
+        };
+        text += &format!(
+            "colours {}, mean over {slab} mm to either side, ambient light {}. ",
+            first.colormap.name(),
+            first.ambient as f32
+        );
+        if let Some(layer) = &first.layer {
+            text += &format!("Texture: layer {layer}. ");
+        }
+        if let Some(overlay) = &first.overlay {
+            text += &format!("Overlay: layer {overlay}. ");
+        }
+        text + "Intensities are not resampled. " + &COMMENT
     }
 
     /// Everything besides the request that the pixels depend on.
-    pub(crate) fn made_by(&self) -> String {
+    fn made_by(&self) -> String {
         let backends = self.series.backends();
         let versions = self.series.versions().unwrap_or_default();
         let identity = self.series.identity().unwrap_or_default();
@@ -67,6 +132,14 @@ impl Drawing {
         let page = self.series.draw_each(cases, page, add).await?;
         let first = self.plan.pictures.first().ok_or(Error::Internal)?;
         page.finish(first, &self.plan)
+    }
+}
+
+/// One number, or two that differ.
+fn range<T: Display + PartialEq>(from: T, to: T) -> String {
+    match from == to {
+        true => from.to_string(),
+        false => format!("{from} to {to}"),
     }
 }
 

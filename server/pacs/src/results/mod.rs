@@ -3,7 +3,10 @@
 mod compose;
 mod directions;
 pub(crate) mod draw;
+mod findings;
+mod mask;
 mod moment;
+mod outline;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
