@@ -17,7 +17,6 @@ pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
 pub(crate) use self::series::*;
 
-use super::expiry::{Allowance, Removal};
 use super::jobs::{JobQuery, NewJob, Release};
 use super::label::Label;
 use super::objects::Objects;
@@ -25,6 +24,7 @@ use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
 use super::tables::{cases, jobs};
 use super::testing::{claim, facts, failure, job, keep, name, new_case, pinned, rename, waiting};
+use super::upkeep::{self, Allowance, Removal};
 use super::{CaseQuery, ObjectName, Options, Store, StoreError};
 
 /// The lease of jobs in these checks.
@@ -577,7 +577,7 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
     let [old, kept, again, queued, failed] = [0, 1, 2, 3, 4].map(|number| cases[number].id);
     assert!(keep(store, &kept, true).await);
     assert!(store.case(&kept).await.unwrap().unwrap().kept);
-    assert_eq!(store.expired(age, 10).await.unwrap(), []);
+    assert_eq!(upkeep::expired(store, age, 10).await.unwrap(), []);
 
     subject.pass(86_400 - 60);
     let new = new_case(store, "again").await;
@@ -589,8 +589,11 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
     let case = store.case(&again).await.unwrap().unwrap();
     assert!(case.uploaded_at > case.created_at);
     subject.pass(120);
-    assert_eq!(store.expired(age, 10).await.unwrap(), [old, failed]);
-    assert_eq!(store.expired(age, 1).await.unwrap(), [old]);
+    assert_eq!(
+        upkeep::expired(store, age, 10).await.unwrap(),
+        [old, failed]
+    );
+    assert_eq!(upkeep::expired(store, age, 1).await.unwrap(), [old]);
     for (id, is_deleted) in [
         (old, true),
         (kept, false),
@@ -611,7 +614,10 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
 
     // No longer kept, it is as old as it is.
     assert!(keep(store, &kept, false).await);
-    assert_eq!(store.expired(age, 10).await.unwrap(), [kept, failed]);
+    assert_eq!(
+        upkeep::expired(store, age, 10).await.unwrap(),
+        [kept, failed]
+    );
     assert!(!keep(store, &old, true).await, "it is gone");
 }
 
@@ -899,7 +905,7 @@ pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subj
     assert!(keys(Some(JobState::Failed), "").await.is_empty());
 
     subject.pass(100);
-    let counts = store.row_counts().await.unwrap();
+    let counts = upkeep::row_counts(store).await.unwrap();
     let count = |kind: &str, state: &str, number| {
         let row = ("jobs".to_owned(), kind.to_owned(), state.to_owned(), number);
         assert!(counts.by_state.contains(&row), "{row:?}: {counts:?}");

@@ -19,7 +19,7 @@ use cases::dicom::{InstanceIdentity, Rejection};
 use cases::{Cases, Error, Patient};
 use quick_cache::sync::Cache;
 use serde::Deserialize;
-use storage::{ObjectName, Spooled};
+use storage::{ObjectName, Spooled, upkeep};
 
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
@@ -207,7 +207,7 @@ impl Arrivals {
     /// If the store cannot be reached.
     pub async fn adopt(&self) -> Result<(usize, Vec<ObjectName>), Error> {
         let (mut images, mut left) = (0, Vec::new());
-        for name in self.store().unreferenced_of(ObjectKind::Instance).await? {
+        for name in upkeep::unreferenced_of(self.store(), ObjectKind::Instance).await? {
             match self.receive_again(&name).await? {
                 true => images += 1,
                 false => left.push(name),
@@ -218,7 +218,7 @@ impl Arrivals {
 
     /// Whether an image could be received.
     async fn receive_again(&self, name: &ObjectName) -> Result<bool, Error> {
-        let Some(file): Option<Spooled> = self.store().spool_object(name).await? else {
+        let Some(file): Option<Spooled> = upkeep::spool_object(self.store(), name).await? else {
             return Ok(false);
         };
         let identity = match self.cases.headers.read(&file).await {

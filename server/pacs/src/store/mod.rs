@@ -82,7 +82,7 @@ impl PacsStore {
         self.collect().await
     }
 
-    /// How many series and results are in which state, as [`storage::RowCounts`] has them.
+    /// How many series and results are in which state, as [`storage::upkeep::RowCounts`] has them.
     ///
     /// # Errors
     /// If the rows cannot be read.

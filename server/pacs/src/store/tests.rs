@@ -10,9 +10,8 @@ use cases::dicom::Rejection;
 use storage::tables::{Referred, layers, made};
 use storage::testing::files_below;
 use storage::testing::steps::{insert_case, pinned};
-use storage::{
-    Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Options, Store, StoreError, Upload,
-};
+use storage::upkeep::{self, Copied, Defect};
+use storage::{LayerName, LayerUpload, Made, ObjectName, Options, Store, StoreError, Upload};
 use tempfile::TempDir;
 
 use super::conformance::{Subject, new_result, open, queue};
@@ -120,7 +119,7 @@ fn file_of(directory: &TempDir, name: &ObjectName) -> PathBuf {
 /// What an inspection finds.
 async fn inspected(store: &Store) -> Vec<Defect> {
     let mut findings = Vec::new();
-    let inspected = store.inspect(&mut |finding| findings.push(finding)).await;
+    let inspected = upkeep::inspect(&store, &mut |finding| findings.push(finding)).await;
     inspected.unwrap();
     findings
 }
@@ -128,7 +127,7 @@ async fn inspected(store: &Store) -> Vec<Defect> {
 /// Copies the cases.
 async fn copied(from: &PacsStore, to: &PacsStore) -> Copied {
     from.copy_images_into(to).await.unwrap();
-    from.copy_into(to, &mut |_, _| {}).await.unwrap()
+    upkeep::copy_into(from, to, &mut |_, _| {}).await.unwrap()
 }
 
 /// The fingerprint of an image of a series.
@@ -167,7 +166,7 @@ async fn an_inspection_reads_the_images_of_a_pacs() {
     let store = store(&directory).await;
     let names = three_images(&store).await;
     let mut findings = Vec::new();
-    let sound = store.inspect(&mut |finding| findings.push(finding)).await;
+    let sound = upkeep::inspect(&store, &mut |finding| findings.push(finding)).await;
     let sound = sound.unwrap();
     assert_eq!((sound.cases, sound.objects, findings), (0, 3, vec![]));
 
@@ -320,7 +319,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     };
     let first = images[0].0.clone();
     reject(false, vec![first.clone()]).await;
-    let closed = async |store: &PacsStore| store.closed(&case).await.unwrap();
+    let closed = async |store: &PacsStore| store.case(&case).await.unwrap().unwrap().closed;
     assert_eq!(closed(&from).await, Some(Closed::Rejected));
     assert_eq!(closed(&to).await, Some(Closed::Rejected));
     assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images);

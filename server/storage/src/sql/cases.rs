@@ -1,10 +1,8 @@
 //! Cases.
 
-use std::time::Duration;
-
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row, Value, containing, microseconds};
+use super::connection::{Connection, Row, Value, containing};
 use super::made::{self, read_closed};
 use super::{findings, jobs, layers, owners};
 use crate::args;
@@ -65,37 +63,6 @@ impl Store {
             owners::queue_again(&mut transaction, id.into(), "", now).await?;
         }
         transaction.commit().await
-    }
-
-    /// Why a case is closed, if it is.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn closed(&self, id: &CaseId) -> Result<Option<Closed>, StoreError> {
-        closed(&mut self.connect().await?, id).await
-    }
-
-    /// At most `limit` cases that are ready or failed, not kept, and were last uploaded at least `age` ago; oldest first.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError> {
-        let mut connection = self.connect().await?;
-        let before = connection.now().await?.saturating_sub(microseconds(age));
-        let rows = connection
-            .fetch_all(
-                "SELECT id FROM cases
-                 WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
-                   AND NOT kept AND state IN ('ready', 'failed')
-                 ORDER BY created_at, id LIMIT $2",
-                args![before, i64::try_from(limit).unwrap_or(i64::MAX)],
-            )
-            .await?;
-        let read = |row: &Row| {
-            let id: String = row.get("id")?;
-            CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
-        };
-        rows.iter().map(read).collect()
     }
 
     /// Makes a case and its job, and turns its pins into references; or queues a failed one again. A version gets the
@@ -370,7 +337,7 @@ async fn make(connection: &mut Connection, new: &NewCase) -> Result<(), StoreErr
 }
 
 /// Why a case is closed; nothing if there is none.
-pub(super) async fn closed(
+pub async fn closed(
     connection: &mut Connection,
     id: &CaseId,
 ) -> Result<Option<Closed>, StoreError> {
@@ -469,40 +436,6 @@ pub(super) async fn make_failed(
         )
         .await?;
     Ok(())
-}
-
-/// How many there are of [`uploaded_before`].
-pub(super) async fn count_uploaded_before(
-    connection: &mut Connection,
-    time: i64,
-) -> Result<u64, StoreError> {
-    let row = connection
-        .fetch_one(
-            "SELECT count(*) AS count FROM cases
-             WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
-               AND NOT kept AND state IN ('ready', 'failed')",
-            args![time],
-        )
-        .await?;
-    let count: i64 = row.get("count")?;
-    Ok(u64::try_from(count).unwrap_or(0))
-}
-
-/// Whether a case is one of [`uploaded_before`].
-pub(super) async fn is_uploaded_before(
-    connection: &mut Connection,
-    id: &CaseId,
-    time: i64,
-) -> Result<bool, StoreError> {
-    let row = connection
-        .fetch_one(
-            "SELECT EXISTS (SELECT 1 FROM cases
-                            WHERE id = $1 AND COALESCE(uploaded_at, created_at) <= $2
-                              AND NOT kept AND state IN ('ready', 'failed')) AS old",
-            args![id.to_string(), time],
-        )
-        .await?;
-    row.get("old")
 }
 
 /// Removes the row of a case, and abandons the objects of what goes with it; whether it was there.

@@ -45,7 +45,11 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
 /// The number of jobs of a kind that wait for a lease.
 #[cfg(test)]
 pub(crate) async fn waiting(store: &Store, kind: JobKind) -> u64 {
-    let counts = store.row_counts().await.unwrap().by_state.into_iter();
+    let counts = crate::upkeep::row_counts(store)
+        .await
+        .unwrap()
+        .by_state
+        .into_iter();
     let mut jobs = counts.filter(|(what, ..)| what == "jobs");
     let waiting = jobs.find(|(_, of, state, _)| of == kind.name() && state == "queued");
     waiting.map_or(0, |(.., count)| count)
