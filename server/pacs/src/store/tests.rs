@@ -200,7 +200,9 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         dicom: None,
         images: Vec::new(),
     };
-    let submitted = store.submit(upload, Parameters::default(), None).await;
+    let submitted = store
+        .submit(upload, Parameters::default(), None, false)
+        .await;
     let id = submitted.unwrap().case.id;
     let images = three_images(store).await;
     let terms = DueTerms {

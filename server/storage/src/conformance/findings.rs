@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::layers::ready_case;
 use super::{Subject, insert, new_case};
-use crate::rows::{Inserted, Referred};
+use crate::rows::Referred;
 use crate::{FindingsVersion, Replaced, Store, StoreError, upkeep};
 use case::CaseId;
 
@@ -55,7 +55,7 @@ pub(crate) async fn a_version_begins_with_the_findings_of_its_case(subject: &Sub
     let mut version = new_case(store, "b").await;
     version.previous = Some(id);
     let inserted = store.insert_case(&version).await.unwrap();
-    assert_eq!(inserted, Referred::Done(Inserted::Created));
+    assert!(matches!(inserted, Referred::Done(_)));
     let inherited = store.findings(&version.id).await.unwrap();
     assert_eq!(inherited.document, "[1]");
     put(store, &version.id, inherited.version, "[1,2]").await;

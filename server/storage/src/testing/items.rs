@@ -8,7 +8,7 @@ use case::JobKind;
 use case::{CaseId, ObjectKind, Parameters};
 
 use super::name;
-use crate::rows::{NewCase, Pinned};
+use crate::rows::{NewCase, Pinned, Relabel};
 #[cfg(test)]
 use crate::tables::jobs;
 #[cfg(test)]
@@ -36,6 +36,7 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
         parameters: Parameters::default(),
         previous: None,
         images: Some(Vec::new()),
+        relabel: Relabel::Any,
         sources: pinned(store, &[source]).await,
         queue_limit: 100,
         client: String::new(),

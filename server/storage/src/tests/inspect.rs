@@ -105,7 +105,7 @@ async fn an_inspection_turns_the_pages() {
             ..Parameters::default()
         };
         let upload = upload(&store, "volume", None).await;
-        store.submit(upload, parameters, None).await.unwrap();
+        store.submit(upload, parameters, None, false).await.unwrap();
     }
     let (inspected, findings) = inspected(&store).await;
     assert_eq!((inspected.cases, inspected.objects), (230, 460));
@@ -231,7 +231,7 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
             images: Vec::new(),
         };
         store
-            .submit(upload, Parameters::default(), None)
+            .submit(upload, Parameters::default(), None, false)
             .await
             .unwrap();
         let claimed = claim(&store).await.unwrap();

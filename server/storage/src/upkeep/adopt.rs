@@ -4,7 +4,7 @@ use case::series::Uid;
 use case::{CaseId, ObjectKind, Parameters};
 
 use crate::manifest::{Manifest, Manifested};
-use crate::rows::{LayerName, Made, NewCase, NewLayer, Owner, Pinned, Referred};
+use crate::rows::{LayerName, Made, NewCase, NewLayer, Owner, Pinned, Referred, Relabel};
 use crate::sql::{cases, layers, made, pins};
 use crate::tables::Writing;
 use crate::{ObjectName, Spooled, Store, StoreError, Unreadable};
@@ -65,7 +65,7 @@ pub async fn adopt(
     let sources = Pinned::new(objects.chain([*name]));
     let (mut transaction, now) = store.write().await?;
     pins::hold(&mut transaction, &sources, now).await?;
-    let inserted = match manifest.upload.clone() {
+    let is_inserted = match manifest.upload.clone() {
         Manifested::Case {
             parameters,
             previous,
@@ -79,11 +79,13 @@ pub async fn adopt(
                 },
                 previous,
                 images: Some(images),
+                relabel: Relabel::None,
                 sources,
                 queue_limit: usize::MAX,
                 client: String::new(),
             };
-            cases::submit(&mut transaction, &new, now).await?
+            let submitted = cases::submit(&mut transaction, &new, now).await?;
+            matches!(submitted, Referred::Done(_))
         }
         Manifested::Layer {
             id,
@@ -104,10 +106,10 @@ pub async fn adopt(
                 queue_limit: usize::MAX,
                 client: String::new(),
             };
-            layers::submit(&mut transaction, &new, now).await?
+            let submitted = layers::submit(&mut transaction, &new, now).await?;
+            matches!(submitted, Referred::Done(_))
         }
     };
-    let is_inserted = matches!(inserted, Referred::Done(_));
     if is_inserted {
         transaction.commit().await?;
         store.signals().queued();

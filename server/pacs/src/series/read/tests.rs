@@ -408,7 +408,7 @@ impl World {
         let submitted = self
             .arrivals
             .cases
-            .submit(upload, Parameters::default(), true)
+            .submit(upload, Parameters::default(), false)
             .await;
         let case = submitted.unwrap().case.id.to_string();
         self.made.entry(case.clone()).or_insert_with(|| all.clone());
