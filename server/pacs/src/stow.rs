@@ -121,7 +121,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         return Err(PartsError::TooLarge(limits.max_bytes).into());
     }
     let _room = pacs.room(&request)?;
-    check_before_upload(pacs.store()).await?;
+    check_before_upload(pacs.cases().store()).await?;
     let holder = request.extensions().get::<Holder>().cloned();
     let mut images = Images {
         pacs,
@@ -203,7 +203,7 @@ impl Images<'_> {
                 self.unknown(FailureReason::CannotUnderstand);
                 continue;
             }
-            match parts.spool(self.pacs.store()).await? {
+            match parts.spool(self.pacs.cases().store()).await? {
                 Some(file) => self.add(file).await?,
                 None => self.unknown(FailureReason::OutOfResources),
             }

@@ -109,13 +109,13 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
         let target = to.open(Opening::OrMake).await?;
         // What is made of images is judged by them.
         source.copy_images_into(&target).await?;
-        let mut copied = upkeep::copy_into(&source, &target, &mut report).await?;
+        let mut copied = upkeep::copy_into(source.store(), target.store(), &mut report).await?;
         let of_pacs = match args.without_images {
             true => source.count().await?,
             false => (source.copy_series_into(&target, &mut copied, &mut report_of_pacs)).await?,
         };
-        source.close().await;
-        target.close().await;
+        source.store().close().await;
+        target.store().close().await;
         println!(
             "copied: {} cases, {} objects, {} bytes; already there: {} objects",
             copied.cases, copied.objects, copied.bytes, copied.kept

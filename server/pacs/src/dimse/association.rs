@@ -444,7 +444,7 @@ impl Messages<'_> {
 
     /// A file with the head of Part 10, which a data set lacks on the way.
     async fn open(&self, request: &Request, context: &Context) -> Result<Spool, Error> {
-        let mut file = self.arrivals.store().spools().begin().await?;
+        let mut file = self.arrivals.cases.store().spools().begin().await?;
         if let Request::Store { object, .. } = request {
             let head = file_head(object, &context.transfer_syntax);
             file.write(head.into()).await?;

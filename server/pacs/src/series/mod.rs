@@ -207,7 +207,7 @@ impl Arrivals {
     /// If the store cannot be reached.
     pub async fn adopt(&self) -> Result<(usize, Vec<ObjectName>), Error> {
         let (mut images, mut left) = (0, Vec::new());
-        for name in upkeep::unreferenced_of(self.store(), ObjectKind::Instance).await? {
+        for name in upkeep::unreferenced_of(self.cases.store(), ObjectKind::Instance).await? {
             match self.receive_again(&name).await? {
                 true => images += 1,
                 false => left.push(name),
@@ -218,7 +218,8 @@ impl Arrivals {
 
     /// Whether an image could be received.
     async fn receive_again(&self, name: &ObjectName) -> Result<bool, Error> {
-        let Some(file): Option<Spooled> = upkeep::spool_object(self.store(), name).await? else {
+        let Some(file): Option<Spooled> = upkeep::spool_object(self.cases.store(), name).await?
+        else {
             return Ok(false);
         };
         let identity = match self.cases.headers.read(&file).await {
@@ -237,12 +238,12 @@ impl Arrivals {
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
     ) -> Result<Vec<(InstanceIdentity, Spooled)>, Error> {
-        let directory = self.store().spools().directory().await?;
+        let directory = self.cases.store().spools().directory().await?;
         let mut without = Vec::with_capacity(images.len());
         for (number, (identity, file)) in images.into_iter().enumerate() {
             let output = directory.path().join(number.to_string());
             let fingerprint = self.cases.headers.deidentify(&file, &output).await?;
-            let file = self.store().spools().take(output).await?;
+            let file = self.cases.store().spools().take(output).await?;
             let identity = InstanceIdentity {
                 fingerprint,
                 ..identity.deidentified()
