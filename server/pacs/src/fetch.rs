@@ -6,11 +6,11 @@ use async_trait::async_trait;
 use case::series::{SeriesUids, Uid};
 use case::{Failure, JobKind};
 use cases::Error;
-use cases::dicom::InstanceIdentity;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use serde::{Deserialize, Serialize};
 use storage::{NewJob, Spooled, StoreError};
 
+use crate::identity::InstanceIdentity;
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
@@ -222,7 +222,7 @@ impl Images<'_> {
             let Some(file) = parts.spool(self.pacs.cases().store()).await? else {
                 return Err(PartsError::TooLarge(cases::MAX_INSTANCE_BYTES).into());
             };
-            let identity = self.pacs.cases().headers.read(&file).await?;
+            let identity = InstanceIdentity::read(self.pacs.cases(), &file).await?;
             if identity.uids == *self.uids && identity.is_image {
                 self.batch.push((identity, file));
             }

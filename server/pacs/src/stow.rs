@@ -9,12 +9,12 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use case::series::Uid;
 use cases::Error;
-use cases::dicom::InstanceIdentity;
 use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
 
 use crate::address::StudyPath;
+use crate::identity::InstanceIdentity;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
@@ -212,7 +212,7 @@ impl Images<'_> {
     }
 
     async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
-        let identity = match self.pacs.cases().headers.read(&file).await {
+        let identity = match InstanceIdentity::read(self.pacs.cases(), &file).await {
             Ok(identity) => identity,
             Err(Error::Failure(failure)) => {
                 tracing::warn!(

@@ -15,12 +15,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::{Failure, ObjectKind};
-use cases::dicom::{InstanceIdentity, Rejection};
 use cases::{Cases, Error, Patient};
 use quick_cache::sync::Cache;
 use serde::Deserialize;
 use storage::{ObjectName, Spooled, upkeep};
 
+use crate::identity::{InstanceIdentity, Rejection};
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
@@ -222,7 +222,7 @@ impl Arrivals {
         else {
             return Ok(false);
         };
-        let identity = match self.cases.headers.read(&file).await {
+        let identity = match InstanceIdentity::read(&self.cases, &file).await {
             Ok(identity) => identity,
             Err(Error::Failure(_)) => return Ok(false),
             Err(error) => return Err(error),
@@ -242,10 +242,10 @@ impl Arrivals {
         let mut without = Vec::with_capacity(images.len());
         for (number, (identity, file)) in images.into_iter().enumerate() {
             let output = directory.path().join(number.to_string());
-            let fingerprint = self.cases.headers.deidentify(&file, &output).await?;
+            let stated = self.cases.headers.deidentify(&file, &output).await?;
             let file = self.cases.store().spools().take(output).await?;
             let identity = InstanceIdentity {
-                fingerprint,
+                fingerprint: InstanceIdentity::checked(stated)?.fingerprint,
                 ..identity.deidentified()
             };
             without.push((identity, file));

@@ -1,9 +1,9 @@
 //! Series that come from a PACS, and the index of the series of cases.
 
+use crate::identity::Rejection;
 use case::images::Following;
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Failure, ObjectKind};
-use cases::dicom::Rejection;
 use jiff::Timestamp;
 use storage::args;
 use storage::tables::{

@@ -4,10 +4,10 @@
 
 use std::collections::BTreeSet;
 
+use crate::identity::Rejection;
 use case::images::{Fingerprint, Following, Image};
 use case::series::{SeriesUids, Uid};
 use case::{CaseId, LayerId};
-use cases::dicom::Rejection;
 use jiff::Timestamp;
 use storage::args;
 use storage::tables::{

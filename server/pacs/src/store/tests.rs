@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::identity::Rejection;
 use case::images::{Fingerprint, Image};
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Closed, JobKind, JobState, LayerParameters, Parameters};
-use cases::dicom::Rejection;
 use storage::tables::{Referred, layers, made};
 use storage::testing::files_below;
 use storage::testing::steps::{insert_case, pinned};

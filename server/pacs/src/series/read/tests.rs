@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use crate::identity::Rejection;
 use bytes::Bytes;
 use case::Closed;
 use case::images::{Fingerprint, Image};
 use case::series::Uid;
-use cases::dicom::Rejection;
 use cases::testing::application;
 use proptest::prelude::*;
 use storage::Made;

@@ -3,10 +3,10 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
+use crate::identity::Rejection;
 use case::images::{Fingerprint, Image};
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Closed, Failure, ObjectKind};
-use cases::dicom::Rejection;
 use storage::tables::Referred;
 use storage::testing::failure;
 use storage::testing::steps::{self, delete_rows, insert_case, pinned, unneeded};
