@@ -659,7 +659,7 @@ pub(crate) async fn an_image(server: &Server, study: &str, series: &str) -> Vec<
     };
     let store = server.pacs.store();
     let (_, object) = store.images_of(&uids).await.unwrap().remove(0);
-    store.object(&object).await.unwrap().to_vec()
+    store.store().object(&object).await.unwrap().to_vec()
 }
 
 #[tokio::test]

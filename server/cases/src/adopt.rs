@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use case::{CaseId, LayerId, ObjectKind};
-use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload};
+use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload, upkeep};
 
 use crate::application::Cases;
 use crate::error::Error;
@@ -27,10 +27,10 @@ impl Cases {
     /// If the store cannot be reached.
     pub async fn adopt(&self) -> Result<Adopted, Error> {
         let store = self.store();
-        store.forget_writers().await?;
+        upkeep::forget_writers(store).await?;
         let (mut adopted, mut manifests) = (Adopted::default(), Vec::new());
-        for name in store.unreferenced_of(ObjectKind::Manifest).await? {
-            match store.manifest(&name).await? {
+        for name in upkeep::unreferenced_of(store, ObjectKind::Manifest).await? {
+            match upkeep::manifest(store, &name).await? {
                 Some(manifest) => manifests.push((name, manifest)),
                 None => adopted.left.push(name),
             }
@@ -56,7 +56,7 @@ impl Cases {
         let (store, case) = (self.store(), manifest.case);
         let mut files = HashMap::new();
         for name in manifest.sources().into_iter().flatten() {
-            if let Some(file) = store.spool_object(&name).await? {
+            if let Some(file) = upkeep::spool_object(store, &name).await? {
                 files.insert(name.kind, file);
             }
         }
@@ -77,7 +77,7 @@ impl Cases {
                 }
                 let label = self.label_of(&upload).await?;
                 let series = SeriesOfUpload::read(&upload).await?;
-                if !store.adopt(manifest_name, manifest, label).await? {
+                if !upkeep::adopt(store, manifest_name, manifest, label).await? {
                     return Ok(Again::Known);
                 }
                 self.index(case, series).await?;
@@ -91,7 +91,7 @@ impl Cases {
                 if LayerId::of(volume.digest(), dicom, parameters) != *id {
                     return Ok(Again::Impossible);
                 }
-                match store.adopt(manifest_name, manifest, None).await {
+                match upkeep::adopt(store, manifest_name, manifest, None).await {
                     Ok(true) => Ok(Again::Layer(*id)),
                     Ok(false) => Ok(Again::Known),
                     Err(StoreError::NoSuchCase) => Ok(Again::Impossible),
@@ -271,8 +271,7 @@ mod tests {
         }
         assert_eq!(cases.adopt().await.unwrap(), Adopted::default());
         let mut defects = Vec::new();
-        store
-            .inspect(&mut |defect| defects.push(defect))
+        upkeep::inspect(store, &mut |defect| defects.push(defect))
             .await
             .unwrap();
         assert_eq!(defects, []);

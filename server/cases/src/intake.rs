@@ -110,8 +110,8 @@ impl Cases {
         Ok(self.store().spools().of(kept.into()).await?)
     }
 
-    /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its
-    /// label, too. A new case of DICOM files without a label is named after its series.
+    /// Checks an upload and queues it. A case that is there already is answered as it is; it keeps its label, if it has one and the
+    /// upload does not rename it. A new case of DICOM files without a label is named after its series.
     ///
     /// # Errors
     /// [`Error::Failure`] that states what is wrong with the upload, [`Error::Busy`] if too much is waiting, or an
@@ -119,14 +119,11 @@ impl Cases {
     pub async fn submit(
         &self,
         upload: Upload,
-        mut parameters: Parameters,
-        keep_name: bool,
+        parameters: Parameters,
+        renames: bool,
     ) -> Result<Submitted, Error> {
         parameters.check()?;
-        if keep_name && self.is_named(&upload, &parameters).await? {
-            parameters.name = None;
-        }
-        let submitted = self.submit_after(upload, parameters, None).await?;
+        let submitted = self.accept(upload, parameters, None, renames).await?;
         let case = submitted.case.id.short();
         tracing::info!(case, is_new = submitted.created, "an upload was accepted");
         Ok(submitted)
@@ -142,13 +139,24 @@ impl Cases {
         parameters: Parameters,
         previous: Option<CaseId>,
     ) -> Result<Submitted, Error> {
+        self.accept(upload, parameters, previous, true).await
+    }
+
+    async fn accept(
+        &self,
+        upload: Upload,
+        parameters: Parameters,
+        previous: Option<CaseId>,
+        renames: bool,
+    ) -> Result<Submitted, Error> {
         let mut parameters = self.check_upload(&upload, parameters).await?;
-        if parameters.name.is_none() && !self.is_named(&upload, &parameters).await? {
+        let renames = renames && parameters.name.is_some();
+        if parameters.name.is_none() {
             parameters.name = self.label_of(&upload).await?;
         }
         let series = SeriesOfUpload::read(&upload).await?;
         let store = self.store_of_client();
-        let submitted = store.submit(upload, parameters, previous).await?;
+        let submitted = store.submit(upload, parameters, previous, renames).await?;
         self.index(submitted.case.id, series).await?;
         Ok(submitted)
     }
@@ -156,12 +164,6 @@ impl Cases {
     /// The store for the client of this request.
     pub(crate) fn store_of_client(&self) -> Store {
         self.store().for_client(&in_store(this_client()))
-    }
-
-    /// Whether an upload is a case that has a label.
-    async fn is_named(&self, upload: &Upload, parameters: &Parameters) -> Result<bool, Error> {
-        let known = self.store().case(&upload.case_id(parameters)).await?;
-        Ok(known.is_some_and(|case| case.parameters.name.is_some()))
     }
 
     /// The label of the series of an upload; `None` if it is not DICOM, or if identities are not kept, which a name of a
@@ -200,16 +202,11 @@ impl Cases {
         upload: &Upload,
         parameters: Parameters,
     ) -> Result<Parameters, Error> {
-        let id = upload.case_id(&parameters);
-        if self.is_accepted(&id).await? {
+        if self.is_accepted(&upload.case_id(&parameters)).await? {
             return Ok(parameters);
         }
         let start = upload.volume.head(START_BYTES).await?;
         let _room = self.checks.enter(&start).await?;
-        // An equal upload may have been accepted meanwhile.
-        if self.is_accepted(&id).await? {
-            return Ok(parameters);
-        }
         let mask = match &upload.mask {
             Some(mask) => Some(mask.read().await?),
             None => None,

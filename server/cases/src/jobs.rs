@@ -9,7 +9,8 @@ mod rebuild;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use storage::{Expired, Removal, Store, Waiting};
+use storage::Store;
+use storage::upkeep::{self, Expired, Removal, Waiting};
 
 use crate::library::Library;
 use crate::removal::{BeforeRemoval, remove_expired};
@@ -108,7 +109,10 @@ async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
             // In the first hour nobody has to do anything.
             let why = why.filter(|why| *why != Waiting::FirstHour);
             if let Some(why) = why.filter(|_| waiting.is_due(Instant::now())) {
-                let cases = store.row_counts().await.ok().map(|counts| counts.expired);
+                let cases = upkeep::row_counts(&store)
+                    .await
+                    .ok()
+                    .map(|counts| counts.expired);
                 tracing::warn!(
                     cases,
                     "cases older than storage.keep_days stay: {}",

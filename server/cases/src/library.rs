@@ -258,7 +258,7 @@ impl Library {
             dicom,
             images,
         };
-        self.store().submit(upload, parameters, None).await
+        self.store().submit(upload, parameters, None, true).await
     }
 
     /// Reads derived objects of a ready case; `None` if it does not exist or is not ready.

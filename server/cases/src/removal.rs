@@ -5,7 +5,8 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use case::CaseId;
-use storage::{Expired, Removal, Store, StoreError};
+use storage::upkeep::{self, Expired, Removal};
+use storage::{Store, StoreError};
 
 type Permission = Pin<Box<dyn Future<Output = bool> + Send>>;
 
@@ -45,5 +46,5 @@ pub async fn remove_expired(
     before: &BeforeRemoval,
     removal: Removal,
 ) -> Result<Expired, StoreError> {
-    store.remove_expired(removal, |id| before.0(id)).await
+    upkeep::remove_expired(store, removal, |id| before.0(id)).await
 }

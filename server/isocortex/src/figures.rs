@@ -8,7 +8,7 @@ use access::auth::Access;
 use http::metrics::{Figure, Metrics};
 use pacs::dimse::{AssociationCounts, Rejection};
 use pacs::{Pacs, PacsStore};
-use storage::{Store, failures};
+use storage::{Store, failures, upkeep};
 
 /// The clock ticks of `/proc` in a second, the same on every Linux.
 const TICKS: f64 = 100.0;
@@ -186,7 +186,7 @@ async fn rows(store: &Store) -> Vec<Figure> {
         figures.push(Figure::gauge("isocortex_free_bytes", help).with(&[], free as f64));
     }
     let (counted, checked) = tokio::join!(
-        tokio::time::timeout(LONGEST_ANSWER, store.row_counts()),
+        tokio::time::timeout(LONGEST_ANSWER, upkeep::row_counts(store)),
         tokio::time::timeout(LONGEST_ANSWER, store.id()),
     );
     let counted = counted.ok().and_then(Result::ok);

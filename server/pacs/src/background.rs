@@ -11,7 +11,7 @@ use crate::state::Pacs;
 
 /// Starts to fetch series and to send results on the current runtime. Without nodes there is nothing to do.
 pub fn start_transfers(pacs: Pacs) -> Runner {
-    let store = pacs.store().clone();
+    let store = pacs.cases().store().clone();
     let mut lanes: Vec<Vec<Arc<dyn Work>>> = Vec::new();
     if !pacs.nodes().is_empty() {
         lanes.push(vec![Arc::new(FetchSeries(pacs.clone()))]);

@@ -6,11 +6,11 @@ use async_trait::async_trait;
 use case::series::{SeriesUids, Uid};
 use case::{Failure, JobKind};
 use cases::Error;
-use cases::dicom::InstanceIdentity;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use serde::{Deserialize, Serialize};
 use storage::{NewJob, Spooled, StoreError};
 
+use crate::identity::InstanceIdentity;
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
@@ -191,11 +191,11 @@ async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<()
         }
         _ => {}
     }
-    let store = pacs.store();
     // All that the node has is here: the series need not wait.
-    store.expect(&uids, received).await?;
+    pacs.store().expect(&uids, received).await?;
     let progress = Received { received, expected };
     let progress = serde_json::to_string(&progress).ok();
+    let store = pacs.cases().store();
     store.renew(&job.claim, progress.as_deref()).await?;
     Ok(())
 }
@@ -219,10 +219,10 @@ impl Images<'_> {
                 parts.skip().await?;
                 continue;
             }
-            let Some(file) = parts.spool(self.pacs.store()).await? else {
+            let Some(file) = parts.spool(self.pacs.cases().store()).await? else {
                 return Err(PartsError::TooLarge(cases::MAX_INSTANCE_BYTES).into());
             };
-            let identity = self.pacs.cases().headers.read(&file).await?;
+            let identity = InstanceIdentity::read(self.pacs.cases(), &file).await?;
             if identity.uids == *self.uids && identity.is_image {
                 self.batch.push((identity, file));
             }

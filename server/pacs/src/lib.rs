@@ -7,6 +7,7 @@ pub mod dimse;
 mod error;
 mod fetch;
 mod hooks;
+mod identity;
 mod launch;
 pub mod multipart;
 pub mod node;

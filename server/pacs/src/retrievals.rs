@@ -123,7 +123,7 @@ pub(crate) async fn queue(
         series: uid(series, "series")?,
     };
     let wanted = Wanted::new(node.name(), &uids);
-    let store = pacs.store();
+    let store = pacs.cases().store();
     let mut new = wanted.job();
     let latest = jobs::latest(&mut store.connect().await?, FETCH, &new.key).await?;
     // A request while it is fetched may be about images that came since it began.
@@ -165,7 +165,7 @@ pub(crate) async fn get_retrieval(
     if !is_id(&id) {
         return Err(missing());
     }
-    let job = jobs::one(&mut pacs.store().connect().await?, &id).await?;
+    let job = jobs::one(&mut pacs.cases().store().connect().await?, &id).await?;
     let job = job.filter(|job| job.kind == FETCH.name());
     let view = view(&pacs, job.ok_or_else(missing)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))
@@ -183,7 +183,7 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
     let became =
         ended.filter(|arrival| matches!(arrival.state, ArrivalState::Case | ArrivalState::Layer));
     let case = match became.and_then(|arrival| arrival.case) {
-        Some(id) => pacs.store().case(&id).await?,
+        Some(id) => pacs.cases().store().case(&id).await?,
         None => None,
     };
     let case = case.filter(|case| case.closed.is_none());

@@ -130,7 +130,7 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
 
 async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let node = pacs.node(&result.node).ok_or(SendError::NoSuchNode)?;
-    let file = pacs.store().object(&result.object).await;
+    let file = pacs.cases().store().object(&result.object).await;
     let file = file.map_err(|error| match error {
         // What is not found now may be back in a moment.
         Unreadable::Store(_) | Unreadable::Missing => SendError::Store,
@@ -159,7 +159,7 @@ async fn contradiction(
     result: &SentResult,
 ) -> Result<Option<&'static str>, cases::Error> {
     let arrivals = pacs.arrivals();
-    let mut connection = pacs.store().connect().await?;
+    let mut connection = pacs.cases().store().connect().await?;
     let series = series::of_case(&mut connection, &result.case).await?;
     drop(connection);
     if let Some(series) = series {

@@ -9,12 +9,12 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use case::series::Uid;
 use cases::Error;
-use cases::dicom::InstanceIdentity;
 use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
 
 use crate::address::StudyPath;
+use crate::identity::InstanceIdentity;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
@@ -121,7 +121,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         return Err(PartsError::TooLarge(limits.max_bytes).into());
     }
     let _room = pacs.room(&request)?;
-    check_before_upload(pacs.store()).await?;
+    check_before_upload(pacs.cases().store()).await?;
     let holder = request.extensions().get::<Holder>().cloned();
     let mut images = Images {
         pacs,
@@ -203,7 +203,7 @@ impl Images<'_> {
                 self.unknown(FailureReason::CannotUnderstand);
                 continue;
             }
-            match parts.spool(self.pacs.store()).await? {
+            match parts.spool(self.pacs.cases().store()).await? {
                 Some(file) => self.add(file).await?,
                 None => self.unknown(FailureReason::OutOfResources),
             }
@@ -212,7 +212,7 @@ impl Images<'_> {
     }
 
     async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
-        let identity = match self.pacs.cases().headers.read(&file).await {
+        let identity = match InstanceIdentity::read(self.pacs.cases(), &file).await {
             Ok(identity) => identity,
             Err(Error::Failure(failure)) => {
                 tracing::warn!(

@@ -123,7 +123,7 @@ pub(crate) async fn list_retrievals(
     State(pacs): State<Pacs>,
     ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let mut connection = pacs.store().connect().await?;
+    let mut connection = pacs.cases().store().connect().await?;
     let mut page = RetrievalList {
         retrievals: Vec::new(),
         next: None,

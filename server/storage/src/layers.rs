@@ -104,7 +104,7 @@ impl Store {
             self.insert_layer(&new).await
         };
         for _ in 0..ATTEMPTS {
-            let created = self.with_pinned(&objects, &insert).await?.is_queued();
+            let created = self.with_pinned(&objects, &insert).await?;
             if created {
                 self.signals().queued();
                 self.signals().changed(&case);

@@ -2,13 +2,10 @@
 
 #[cfg(test)]
 mod conformance;
-mod copy;
 mod directory;
 mod error;
-mod expiry;
 mod findings;
 mod identity;
-mod inspect;
 mod jobs;
 mod label;
 mod layers;
@@ -28,6 +25,7 @@ pub mod tables;
 pub mod testing;
 #[cfg(test)]
 mod tests;
+pub mod upkeep;
 mod watch;
 
 use std::fmt;
@@ -46,13 +44,10 @@ use self::sql::Rows;
 use self::tables::{Connection, Tables};
 use case::{Case, CaseId};
 
-pub use self::copy::{Copied, CopyStep};
 pub use self::error::{
     FAILED_DISK, FULL_STORE, FailureCounts, STORE_AWAY, StoreError, failures, unless_missing,
 };
-pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
-pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::label::{Mismatch, StoreId};
 pub use self::layers::{LayerUpload, SubmittedLayer};
@@ -64,9 +59,7 @@ pub use self::objects::{
 };
 pub use self::page::{CaseQuery, Cursor, Page, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
-pub use self::rows::{
-    CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published, RowCounts,
-};
+pub use self::rows::{CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published};
 pub use self::signals::{Count, Counters, Signals};
 pub use self::spools::Spools;
 pub use self::submit::{NewMask, Submitted, Upload, Version};

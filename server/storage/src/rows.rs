@@ -28,12 +28,25 @@ pub(crate) struct NewCase {
     pub previous: Option<CaseId>,
     /// The images that it is made of; those of `previous` if there is nothing here.
     pub images: Option<Vec<Image>>,
+    /// Whether a case that is there already gets the label of the parameters.
+    pub relabel: Relabel,
     /// Its source objects and its manifest: durable, and pinned.
     pub sources: Pinned,
     /// How many jobs may wait.
     pub queue_limit: usize,
     /// Whose it is: see [`Store::for_client`](crate::Store::for_client).
     pub client: String,
+}
+
+/// Which label a case that is there already gets when it is uploaded again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Relabel {
+    /// It stays as it is.
+    None,
+    /// That of the upload, if it has none.
+    Unlabelled,
+    /// That of the upload, if that has one.
+    Any,
 }
 
 /// A layer to be inserted.
@@ -130,24 +143,6 @@ pub struct LayerChange {
     pub place: Option<usize>,
     /// Its contrast, of a layer of the kind `mr`.
     pub contrast: Option<Contrast>,
-}
-
-/// The result of an insertion of a case or a layer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Inserted {
-    /// It is new, and queued.
-    Created,
-    /// It existed and had failed; it is queued again.
-    Requeued,
-    /// It existed. Nothing has changed.
-    Exists,
-}
-
-impl Inserted {
-    /// Whether a job was queued for it.
-    pub(crate) fn is_queued(self) -> bool {
-        self != Self::Exists
-    }
 }
 
 /// Objects about to be written, protected by their holder's pins.

@@ -1,14 +1,11 @@
 //! Makes a queued case from an upload.
 
 use super::pinned::Writing;
-use super::rows::{CaseChange, Inserted, Made, NewCase, Pinned, Referred};
+use super::rows::{Made, NewCase, Pinned, Referred, Relabel};
 use super::tables::made;
 use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::images::Image;
-use case::{Case, CaseId, CaseState, JobKind, ObjectKind, Parameters};
-
-/// How often to insert a case again that others delete meanwhile.
-const ATTEMPTS: usize = 16;
+use case::{Case, CaseId, JobKind, ObjectKind, Parameters};
 
 /// The files of an upload.
 #[derive(Debug)]
@@ -23,7 +20,7 @@ pub struct Upload {
 }
 
 /// The result of an upload.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Submitted {
     pub case: Case,
     /// Whether its preparation was queued, because the case is new or had failed.
@@ -107,14 +104,15 @@ struct Inputs<'a> {
     /// The images; those of `previous` if there is nothing here.
     images: Option<Vec<Image>>,
     parameters: Parameters,
+    relabel: Relabel,
 }
 
 impl Store {
     /// Makes a case from spooled files and queues its preparation; as a version of another case, if there is one: the upload has more
     /// images of the same series.
     ///
-    /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
-    /// drops the future.
+    /// An existing case is unchanged, but a failed one is queued again, and one without a label gets that of the parameters; with
+    /// `renames`, any gets it. The operation completes even if the caller drops the future.
     ///
     /// # Errors
     /// [`StoreError::QueueFull`], or another error if the store fails; nothing is left behind then. The parameters are
@@ -124,6 +122,7 @@ impl Store {
         upload: Upload,
         parameters: Parameters,
         previous: Option<CaseId>,
+        renames: bool,
     ) -> Result<Submitted, StoreError> {
         let store = self.clone();
         let submit = async move {
@@ -133,14 +132,11 @@ impl Store {
                 previous,
                 images: Some(upload.images.clone()),
                 parameters,
+                relabel: match renames {
+                    true => Relabel::Any,
+                    false => Relabel::Unlabelled,
+                },
             };
-            let change = CaseChange {
-                name: inputs.parameters.name.clone(),
-                kept: None,
-            };
-            if change.name.is_some() {
-                store.change_case(&inputs.id, &change).await?;
-            }
             let submitted = store.submit_now(inputs).await?;
             submitted.ok_or_else(|| StoreError::Rows("an upload lacks its own files".into()))
         };
@@ -174,6 +170,7 @@ impl Store {
                 previous: Some(version.of),
                 images: None,
                 parameters,
+                relabel: Relabel::None,
             };
             store.submit_now(inputs).await
         };
@@ -182,36 +179,36 @@ impl Store {
 
     /// `None` if a stored source has gone.
     async fn submit_now(&self, inputs: Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
-        let id = &inputs.id;
-        for _ in 0..ATTEMPTS {
-            if let Some(case) = self.case(id).await?
-                && case.state != CaseState::Failed
-                && self.has_files(&inputs).await?
-                && self
-                    .uploaded_again(id, inputs.images.as_deref().unwrap_or_default())
-                    .await?
-            {
-                let case = self.case(id).await?.unwrap_or(case);
-                return Ok(Some(Submitted {
-                    case,
-                    created: false,
-                }));
+        let submitted = loop {
+            match self.try_to_submit(&inputs).await {
+                Err(StoreError::DamagedFacts(id)) => self.make_facts_again(&id).await?,
+                tried => break tried?,
             }
-            self.check_room(JobKind::PREPARE).await?;
-            let Some(inserted) = self.insert(&inputs).await? else {
-                return Ok(None);
-            };
-            self.signals().changed(id);
+        };
+        if submitted
+            .as_ref()
+            .is_some_and(|submitted| submitted.created)
+        {
+            self.signals().changed(&inputs.id);
             self.signals().queued();
-            // If another process deletes the case at this moment, it is inserted again.
-            if let Some(case) = self.case(id).await? {
-                let created = inserted.is_queued();
+        }
+        Ok(submitted.map(|Submitted { case, created }| Submitted {
+            case: self.completed(case),
+            created,
+        }))
+    }
+
+    async fn try_to_submit(&self, inputs: &Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
+        if self.has_files(inputs).await? {
+            let (name, images) = (inputs.parameters.name.as_deref(), inputs.images.as_deref());
+            let known = self.uploaded_again(&inputs.id, name, inputs.relabel, images);
+            if let Some(case) = known.await? {
+                let created = false;
                 return Ok(Some(Submitted { case, created }));
             }
         }
-        Err(StoreError::Rows(
-            "a case was deleted repeatedly while it was uploaded".into(),
-        ))
+        self.check_room(JobKind::PREPARE).await?;
+        self.insert(inputs).await
     }
 
     /// Whether the files that are uploaded are stored: one that is lost is written again.
@@ -225,7 +222,7 @@ impl Store {
     }
 
     /// Writes the sources and the manifest, and inserts the case. `None` if a stored source has gone.
-    async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
+    async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
         let names = inputs.sources.iter().map(|(name, _)| *name);
         let images = match (&inputs.images, &inputs.previous) {
             (Some(images), _) => images.clone(),
@@ -264,13 +261,14 @@ impl Store {
                 parameters: inputs.parameters.clone(),
                 previous: inputs.previous,
                 images: inputs.images.clone(),
+                relabel: inputs.relabel,
                 sources,
                 queue_limit: self.options().queue_limit,
                 client: self.client.to_string(),
             };
             Ok(match self.insert_case(&new).await? {
-                Referred::Done(inserted) => Referred::Done(Some(inserted)),
-                Referred::Unneeded(inserted) => Referred::Unneeded(Some(inserted)),
+                Referred::Done(submitted) => Referred::Done(Some(submitted)),
+                Referred::Unneeded(known) => Referred::Unneeded(Some(known)),
                 Referred::PinLost => Referred::PinLost,
             })
         };

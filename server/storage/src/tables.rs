@@ -13,7 +13,7 @@ pub use crate::sql::series::{read_accession_number, read_case, read_uids};
 
 /// Statements about cases.
 pub mod cases {
-    pub use crate::sql::cases::with_voxels;
+    pub use crate::sql::cases::{closed, with_voxels};
 }
 
 /// Statements about the series that cases were made of.

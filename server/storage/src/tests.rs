@@ -43,7 +43,9 @@ async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>)
 
 async fn submit(store: &Store, volume: &'static str) -> Result<Submitted, StoreError> {
     let upload = upload(store, volume, None).await;
-    store.submit(upload, Parameters::default(), None).await
+    store
+        .submit(upload, Parameters::default(), None, false)
+        .await
 }
 
 /// Publishes the derived objects of a case whose volume this is.
@@ -109,6 +111,38 @@ async fn a_full_queue_refuses_and_keeps_nothing_of_it() {
 }
 
 #[tokio::test]
+async fn what_is_uploaded_again_gets_a_label_if_it_has_none_or_is_renamed() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    for volume in ["failed", "queued"] {
+        let label = async |name: Option<&str>, renames| {
+            let parameters = Parameters {
+                name: name.map(str::to_owned),
+                ..Parameters::default()
+            };
+            let upload = upload(&store, volume, None).await;
+            let submitted = store.submit(upload, parameters, None, renames).await;
+            submitted.unwrap().case.parameters.name
+        };
+        assert_eq!(label(None, false).await, None);
+        if volume == "failed" {
+            let claimed = claim(&store).await.unwrap();
+            assert!(store.finish(&claimed, Err(&failure())).await.unwrap());
+        }
+        for (name, renames, expected) in [
+            (None, true, None),
+            (Some("one"), false, Some("one")),
+            (Some("two"), false, Some("one")),
+            (Some("three"), true, Some("three")),
+            (None, true, Some("three")),
+        ] {
+            let label = label(name, renames).await;
+            assert_eq!(label.as_deref(), expected, "{volume} {name:?} {renames}");
+        }
+    }
+}
+
+#[tokio::test]
 async fn what_is_uploaded_again_takes_the_place_of_a_file_that_is_missing() {
     let directory = tempfile::tempdir().unwrap();
     let store = store(&directory).await;
@@ -116,7 +150,7 @@ async fn what_is_uploaded_again_takes_the_place_of_a_file_that_is_missing() {
         for kind in [ObjectKind::SourceVolume, ObjectKind::SourceMask] {
             let masked = upload(&store, "volume", Some("mask")).await;
             store
-                .submit(masked, Parameters::default(), None)
+                .submit(masked, Parameters::default(), None, false)
                 .await
                 .unwrap();
             let folder = directory.path().join("objects").join(kind.name());
@@ -125,7 +159,9 @@ async fn what_is_uploaded_again_takes_the_place_of_a_file_that_is_missing() {
             };
             std::fs::remove_file(file).unwrap();
             let again = upload(&store, "volume", Some("mask")).await;
-            let again = store.submit(again, Parameters::default(), None).await;
+            let again = store
+                .submit(again, Parameters::default(), None, false)
+                .await;
             assert!(!again.unwrap().created);
             assert!(file.is_file(), "{}", kind.name());
         }
@@ -173,7 +209,9 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
     let directory = tempfile::tempdir().unwrap();
     let store = store(&directory).await;
     let upload = upload(&store, "volume", Some("mask")).await;
-    let submitted = store.submit(upload, Parameters::default(), None).await;
+    let submitted = store
+        .submit(upload, Parameters::default(), None, false)
+        .await;
     let of = submitted.unwrap().case.id;
     assert_eq!(claim(&store).await.unwrap().case, Some(of));
     // With the manifest.
@@ -247,7 +285,9 @@ async fn whose_head_it_is_is_kept_apart() {
         dicom: Some(store.spools().of("whose".into()).await.unwrap()),
         ..upload(&store, "volume", None).await
     };
-    let submitted = store.submit(dicom, Parameters::default(), None).await;
+    let submitted = store
+        .submit(dicom, Parameters::default(), None, false)
+        .await;
     let of_dicom = submitted.unwrap().case.id;
     let of_nifti = submit(&store, "volume").await.unwrap().case.id;
     for (id, expected) in [(of_dicom, Some(&b"whose"[..])), (of_nifti, None)] {
@@ -265,7 +305,9 @@ async fn deletions_tell_whoever_remembers_and_keep_what_others_need() {
     store.on_delete(move |id| hook.lock().unwrap().push(*id));
     let plain = submit(&store, "volume").await.unwrap().case.id;
     let masked = upload(&store, "volume", Some("mask")).await;
-    let masked = store.submit(masked, Parameters::default(), None).await;
+    let masked = store
+        .submit(masked, Parameters::default(), None, false)
+        .await;
     let masked = masked.unwrap().case.id;
     let stored = |root: &Path| objects_below(&root.join("objects")).len();
     assert_eq!(stored(directory.path()), 4, "both have one volume");

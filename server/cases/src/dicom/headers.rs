@@ -1,10 +1,7 @@
-//! Reads what a file is and which series it belongs to.
+//! Reads the headers of single DICOM files.
 
 use std::path::Path;
 
-use case::images::Fingerprint;
-use case::series::{AccessionNumber, SeriesUids, Uid};
-use case::{Failure, Parameters};
 use imaging::dicom::{Identity, MarkedPatient};
 use storage::Spooled;
 
@@ -15,117 +12,6 @@ use crate::limit::ConcurrencyLimit;
 
 /// Files that may wait.
 const WAITING: usize = 256;
-
-/// What a rejection note withdraws.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Rejection {
-    /// Whether an instance counts again when it comes again.
-    pub may_return: bool,
-    /// The instances of each series.
-    pub series: Vec<(SeriesUids, Vec<Uid>)>,
-}
-
-/// What an instance is and which series it belongs to.
-#[derive(Debug, Clone, PartialEq)]
-pub struct InstanceIdentity {
-    pub sop_class_uid: Uid,
-    pub sop_instance_uid: Uid,
-    pub uids: SeriesUids,
-    /// The accession number of its study.
-    pub accession_number: Option<AccessionNumber>,
-    /// What lists call its series.
-    pub label: Option<String>,
-    /// Whether it is an MR or CT image.
-    pub is_image: bool,
-    /// What it rejects, if it is a rejection note.
-    pub rejection: Option<Rejection>,
-    /// What it states and shows, if it is an image whose pixels can be decoded.
-    pub fingerprint: Option<Fingerprint>,
-}
-
-impl InstanceIdentity {
-    /// The same with other UIDs, and without accession number and label.
-    pub fn deidentified(self) -> Self {
-        let replaced = |uid: &Uid| {
-            let uid = imaging::dicom::replaced_uid(uid.as_str());
-            Uid::parse(&uid).expect("digits and points are a UID")
-        };
-        let replaced_series = |uids: &SeriesUids| SeriesUids {
-            study: replaced(&uids.study),
-            series: replaced(&uids.series),
-        };
-        let replaced_rejection = |rejection: Rejection| Rejection {
-            series: rejection
-                .series
-                .iter()
-                .map(|(uids, instances)| {
-                    let instances = instances.iter().map(replaced).collect();
-                    (replaced_series(uids), instances)
-                })
-                .collect(),
-            ..rejection
-        };
-        Self {
-            sop_instance_uid: replaced(&self.sop_instance_uid),
-            uids: replaced_series(&self.uids),
-            rejection: self.rejection.map(replaced_rejection),
-            accession_number: None,
-            label: None,
-            ..self
-        }
-    }
-
-    /// An answer that may be passed on.
-    fn checked(identity: Identity) -> Option<Self> {
-        Some(Self {
-            sop_class_uid: Uid::parse(&identity.sop_class_uid)?,
-            sop_instance_uid: Uid::parse(&identity.sop_instance_uid)?,
-            uids: SeriesUids {
-                study: Uid::parse(&identity.study_uid)?,
-                series: Uid::parse(&identity.series_uid)?,
-            },
-            accession_number: identity
-                .accession_number
-                .as_deref()
-                .and_then(AccessionNumber::parse),
-            label: identity
-                .label
-                .filter(|label| Parameters::check_name(label).is_ok()),
-            is_image: identity.is_image,
-            rejection: match &identity.rejection {
-                Some(rejection) => Some(checked_rejection(rejection)?),
-                None => None,
-            },
-            fingerprint: match identity.fingerprint {
-                Some(fingerprint) => Some(checked_fingerprint(fingerprint)?),
-                None => None,
-            },
-        })
-    }
-}
-
-/// A fingerprint of the child; `None` if it is none.
-pub(super) fn checked_fingerprint(print: imaging::dicom::Fingerprint) -> Option<Fingerprint> {
-    Fingerprint::new(&print.contents, print.is_lossy, print.corners_mm)
-}
-
-fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection> {
-    let series = rejection.series.iter().map(|rejected| {
-        let uids = SeriesUids {
-            study: Uid::parse(&rejected.study_uid)?,
-            series: Uid::parse(&rejected.series_uid)?,
-        };
-        let instances = rejected.instance_uids.iter();
-        let instances = instances
-            .map(|uid| Uid::parse(uid))
-            .collect::<Option<_>>()?;
-        Some((uids, instances))
-    });
-    Some(Rejection {
-        may_return: rejection.may_return,
-        series: series.collect::<Option<_>>()?,
-    })
-}
 
 /// Reads the headers of files. If many wait, the clients ([`for_client`](crate::for_client)) take turns.
 #[derive(Debug)]
@@ -143,14 +29,14 @@ impl HeaderReader {
         }
     }
 
-    /// What a file is.
+    /// What the header of a file states, which nobody has checked.
     ///
     /// # Errors
-    /// A [`Failure`] that states what is wrong with the file, or that its process died; [`Error::Busy`] if too many
+    /// A [`Failure`](case::Failure) that states what is wrong with the file, or that its process died; [`Error::Busy`] if too many
     /// wait; [`Error::Internal`], logged, if the process cannot be started.
-    pub async fn read(&self, file: &Spooled) -> Result<InstanceIdentity, Error> {
+    pub async fn read(&self, file: &Spooled) -> Result<Identity, Error> {
         let _turn = self.limit.turn().await?;
-        checked(self.reader.identity(file).await?)
+        Ok(self.reader.identity(file).await?)
     }
 
     /// The findings of a measurement report.
@@ -162,30 +48,14 @@ impl HeaderReader {
         Ok(self.reader.marks(file).await?)
     }
 
-    /// Writes a file without the identity of the patient, as an upload is spooled; what it states and shows then.
+    /// Writes a file without the identity of the patient, as an upload is spooled; what its header states then.
     ///
     /// # Errors
     /// As [`HeaderReader::read`].
-    pub async fn deidentify(
-        &self,
-        file: &Spooled,
-        output: &Path,
-    ) -> Result<Option<Fingerprint>, Error> {
+    pub async fn deidentify(&self, file: &Spooled, output: &Path) -> Result<Identity, Error> {
         let _turn = self.limit.turn().await?;
-        let identity = checked(self.reader.deidentify(file, output).await?)?;
-        Ok(identity.fingerprint)
+        Ok(self.reader.deidentify(file, output).await?)
     }
-}
-
-fn checked(identity: Identity) -> Result<InstanceIdentity, Error> {
-    InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
-}
-
-fn bad_uid() -> Failure {
-    Failure::unusable(
-        "dicom-damaged",
-        "a UID of the image is not made of digits and points, or has more than 64 of them; export the images with valid UIDs",
-    )
 }
 
 #[cfg(test)]
@@ -203,7 +73,7 @@ mod tests {
     const PATIENCE: Duration = Duration::from_secs(60);
 
     /// The answer of a shell script in place of the process.
-    async fn read_by(script: &str, longest: Duration) -> Result<InstanceIdentity, Error> {
+    async fn read_by(script: &str, longest: Duration) -> Result<Identity, Error> {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
         let reader = FileReader::new(program, 1 << 20, ChildMemory::default());
@@ -217,7 +87,7 @@ mod tests {
         reader.read(&file).await
     }
 
-    fn name(result: Result<InstanceIdentity, Error>) -> String {
+    fn name(result: Result<Identity, Error>) -> String {
         match result {
             Err(Error::Failure(failure)) => {
                 assert_eq!(failure.kind, FailureKind::Unusable);
@@ -231,21 +101,16 @@ mod tests {
         format!("read order; echo noise; printf '\\n%s\\n' '{answer}'; read more")
     }
 
-    fn identity(uid: &str) -> String {
-        format!(
-            r#"{{"read":{{"sop_class_uid":"1.2","sop_instance_uid":"{uid}","study_uid":"1.3","series_uid":"1.4","accession_number":null,"is_image":true}}}}"#
-        )
-    }
-
     #[tokio::test]
     async fn a_process_answers_for_its_file() {
-        let read = read_by(&saying(&identity("1.5")), PATIENCE).await.unwrap();
-        assert_eq!(read.sop_instance_uid.as_str(), "1.5");
-        assert_eq!(read.uids.series.as_str(), "1.4");
+        let identity = r#"{"read":{"sop_class_uid":"1.2","sop_instance_uid":"1.5","study_uid":"1.3","series_uid":"1.4","accession_number":null,"is_image":true}}"#;
+        let read = read_by(&saying(identity), PATIENCE).await.unwrap();
+        assert_eq!(read.sop_instance_uid, "1.5");
+        assert_eq!(read.series_uid, "1.4");
     }
 
     #[tokio::test]
-    async fn a_process_that_dies_or_is_silent_or_lies_is_an_answer() {
+    async fn a_process_that_dies_or_is_silent_is_an_answer() {
         let endless = "while :; do printf xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx; done";
         let moment = Duration::from_millis(500);
         let bad = [
@@ -261,8 +126,6 @@ mod tests {
                 "{script}"
             );
         }
-        let lie = saying(&identity("Somebody^Secret"));
-        assert_eq!(name(read_by(&lie, PATIENCE).await), "dicom-damaged");
         let refused = r#"{"refused":{"name":"dicom-none","kind":"unusable","detail":"words"}}"#;
         assert_eq!(
             name(read_by(&saying(refused), PATIENCE).await),

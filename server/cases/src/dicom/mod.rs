@@ -12,7 +12,7 @@ use worker::{ChildMemory, Confinement, Reading, SeriesReader, at_a_time};
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
 
-pub use self::headers::{HeaderReader, InstanceIdentity, Rejection};
+pub use self::headers::HeaderReader;
 pub use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 pub use imaging::nifti::Form;

@@ -88,7 +88,7 @@ async fn an_upload_is_written_once() {
         path.metadata().unwrap().ino()
     };
     let written = inode(&spooled);
-    let submitted = setup.cases.submit(upload, parameters(10.0), false).await;
+    let submitted = setup.cases.submit(upload, parameters(10.0), true).await;
     let submitted = submitted.unwrap();
     assert!(submitted.created && !spooled.exists());
     setup.is_ready(&submitted.case.id).await;
@@ -105,7 +105,7 @@ async fn a_version_is_checked_as_an_upload() {
     let setup = setup().await;
     let workers = start_workers(setup.cases.library.clone(), 1);
     let upload = setup.phantom().await;
-    let first = setup.cases.submit(upload, parameters(10.0), false).await;
+    let first = setup.cases.submit(upload, parameters(10.0), true).await;
     let of = first.unwrap().case.id;
     setup.is_ready(&of).await;
     let version = |mask, parameters| Version {
@@ -183,7 +183,7 @@ async fn what_cannot_be_prepared_leaves_nothing() {
     ];
     for (volume, mask, parameters, name) in table {
         let upload = setup.upload(volume.clone(), mask.cloned()).await;
-        match setup.cases.submit(upload, parameters, false).await {
+        match setup.cases.submit(upload, parameters, true).await {
             Err(Error::Failure(failure)) => assert_eq!(failure.name, name),
             other => panic!("{name}: {other:?}"),
         }

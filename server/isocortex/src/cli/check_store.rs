@@ -8,7 +8,8 @@ use cases::pictures::{GpuUse, GraphicsOptions};
 use cases::{Adopted, Cases, Library};
 use clap::Args;
 use pacs::Arrivals;
-use storage::{Amount, Defect, ObjectName, Store, StoreError};
+use storage::upkeep::{self, Amount, Defect};
+use storage::{ObjectName, Store, StoreError};
 
 use super::common::{StoreArgs, set_some};
 use super::status::{CliError, ExitStatus};
@@ -117,7 +118,7 @@ impl Defects {
         let store = library.store();
         for (id, kinds) in std::mem::take(&mut self.to_rebuild) {
             if kinds.contains(&ObjectKind::Manifest) {
-                store.restore_manifests(&id).await?;
+                upkeep::restore_manifests(store, &id).await?;
                 println!("written again: manifest of case {id}");
             }
             for kind in [ObjectKind::Maps, ObjectKind::Surfaces, ObjectKind::Layer] {
@@ -190,7 +191,7 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
             report(&adopted, images);
         }
         let mut defects = Defects::default();
-        let inspected = store.inspect(&mut |defect| defects.add(defect)).await?;
+        let inspected = upkeep::inspect(store, &mut |defect| defects.add(defect)).await?;
         println!(
             "read: {} cases, {} objects, {} bytes",
             inspected.cases, inspected.objects, inspected.bytes
@@ -264,7 +265,7 @@ fn words(amount: &Amount) -> String {
 
 /// Removes objects that nothing refers to, unless they may be uploads that the rows do not know.
 async fn remove_unreferenced(store: &Store, is_confirmed: bool) -> Result<(), CliError> {
-    let found = store.unreferenced().await?;
+    let found = upkeep::unreferenced(store).await?;
     println!(
         "unreferenced: {} of at least 7 days, {} younger, of {} in the store",
         words(&found.old),
@@ -282,7 +283,7 @@ async fn remove_unreferenced(store: &Store, is_confirmed: bool) -> Result<(), Cl
             "nothing was removed: this is more than 5 % of the store; if the database is the right one, run the command with `--yes`",
         );
     }
-    store.remove_unreferenced(&found.names).await?;
+    upkeep::remove_unreferenced(store, &found.names).await?;
     println!("removed: {} objects", found.names.len());
     Ok(())
 }

@@ -4,10 +4,8 @@ use std::path::Path;
 
 use clap::Args;
 use pacs::{CopiedStep, OfPacs, PacsStore};
-use storage::{
-    BadAddress, Copied, CopyStep, DatabaseAddress, Location, ObjectsAddress, Opening, Options,
-    Store,
-};
+use storage::upkeep::{self, Copied, CopyStep};
+use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress, Opening, Options, Store};
 use tempfile::TempDir;
 
 use super::status::{CliError, ExitStatus};
@@ -111,13 +109,13 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
         let target = to.open(Opening::OrMake).await?;
         // What is made of images is judged by them.
         source.copy_images_into(&target).await?;
-        let mut copied = source.copy_into(&target, &mut report).await?;
+        let mut copied = upkeep::copy_into(source.store(), target.store(), &mut report).await?;
         let of_pacs = match args.without_images {
             true => source.count().await?,
             false => (source.copy_series_into(&target, &mut copied, &mut report_of_pacs)).await?,
         };
-        source.close().await;
-        target.close().await;
+        source.store().close().await;
+        target.store().close().await;
         println!(
             "copied: {} cases, {} objects, {} bytes; already there: {} objects",
             copied.cases, copied.objects, copied.bytes, copied.kept

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use storage::{Removal, Store};
+use storage::Store;
+use storage::upkeep::{self, Removal};
 
 use super::common::{StoreArgs, set_some};
 use super::status::{CliError, ExitStatus};
@@ -48,7 +49,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
     };
     super::block_on(async {
         let store = Store::open(options.location, options.store).await?;
-        let expired = store.expired(keep, usize::MAX).await?;
+        let expired = upkeep::expired(&store, keep, usize::MAX).await?;
         for id in &expired {
             if let Some(case) = store.case(id).await? {
                 println!("expired: case {id}, last uploaded {}", case.uploaded_at);

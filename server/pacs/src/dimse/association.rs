@@ -18,6 +18,7 @@ use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
+use crate::identity::InstanceIdentity;
 use crate::series::Arrivals;
 use crate::store::REJECTION_NOTE;
 use crate::values::{ArrivalSource, Reception};
@@ -444,7 +445,7 @@ impl Messages<'_> {
 
     /// A file with the head of Part 10, which a data set lacks on the way.
     async fn open(&self, request: &Request, context: &Context) -> Result<Spool, Error> {
-        let mut file = self.arrivals.store().spools().begin().await?;
+        let mut file = self.arrivals.cases.store().spools().begin().await?;
         if let Request::Store { object, .. } = request {
             let head = file_head(object, &context.transfer_syntax);
             file.write(head.into()).await?;
@@ -457,7 +458,7 @@ impl Messages<'_> {
         let Request::Store { object, .. } = request else {
             return Ok(Status::ProcessingFailure);
         };
-        let identity = match self.arrivals.cases.headers.read(&file).await {
+        let identity = match InstanceIdentity::read(&self.arrivals.cases, &file).await {
             // Nothing of it is kept, so nothing of it need be understood, unless it may be a rejection note.
             Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
                 return Ok(Status::Success);

@@ -144,7 +144,7 @@ pub(crate) async fn create_result(
     // A result that was made before is sent as it is.
     let known = store.object_of_result(&instance).await?;
     let known = match known {
-        Some(name) => store.object(&name).await.ok(),
+        Some(name) => pacs.cases().store().object(&name).await.ok(),
         None => None,
     };
     let (study, series) = (composer.study(), composer.series());
@@ -175,9 +175,9 @@ pub(crate) async fn create_result(
 }
 
 async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, AppError> {
-    let (store, case) = (pacs.store(), new.case);
-    let queued = store.queue_result(new, file).await;
-    if queued.is_err() && store.case(&case).await?.is_none() {
+    let case = new.case;
+    let queued = pacs.store().queue_result(new, file).await;
+    if queued.is_err() && pacs.cases().store().case(&case).await?.is_none() {
         return Err(cases::Error::NoSuchCase.into());
     }
     Ok(queued?)

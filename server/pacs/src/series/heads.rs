@@ -127,9 +127,9 @@ impl Arrivals {
     /// If the store cannot be reached.
     pub(crate) async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
-        let all = cases_of(&mut self.store().connect().await?, query).await?;
+        let all = cases_of(&mut self.cases.store().connect().await?, query).await?;
         for series in all {
-            let case = self.store().case(&series.case).await?;
+            let case = self.cases.store().case(&series.case).await?;
             let Some(case) = case.filter(|case| case.closed.is_none()) else {
                 continue;
             };

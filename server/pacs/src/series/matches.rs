@@ -120,9 +120,9 @@ impl Arrivals {
         let is_other = |other: &SeriesWithoutCase| !is_head(&other.uids, other.patient.as_ref());
         let mut without_case: Vec<_> = others.filter(is_other).collect();
         // Arrivals are forgotten before their cases. What was corrected says nothing any more, nor what the series has a head instead of.
-        let cases = cases_of(&mut self.store().connect().await?, query).await?;
+        let cases = cases_of(&mut self.cases.store().connect().await?, query).await?;
         for series in cases {
-            let case = self.store().case(&series.case).await?;
+            let case = self.cases.store().case(&series.case).await?;
             if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
                 continue;
             }
@@ -187,9 +187,9 @@ impl Arrivals {
         telling.retain(says_something);
         let patients = self.patients_of_series(&telling).await?;
         let mut patients: Vec<_> = patients.into_iter().flatten().collect();
-        let cases = cases_of(&mut self.store().connect().await?, &query).await?;
+        let cases = cases_of(&mut self.cases.store().connect().await?, &query).await?;
         for series in cases {
-            let case = self.store().case(&series.case).await?;
+            let case = self.cases.store().case(&series.case).await?;
             if case.is_some_and(|case| case.closed.is_none())
                 && let Some(source) = self.cases.attributes_of(&series.case).await?
             {

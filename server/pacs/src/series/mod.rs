@@ -15,12 +15,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::{Failure, ObjectKind};
-use cases::dicom::{InstanceIdentity, Rejection};
 use cases::{Cases, Error, Patient};
 use quick_cache::sync::Cache;
 use serde::Deserialize;
-use storage::{ObjectName, Spooled};
+use storage::{ObjectName, Spooled, upkeep};
 
+use crate::identity::{InstanceIdentity, Rejection};
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
@@ -207,7 +207,7 @@ impl Arrivals {
     /// If the store cannot be reached.
     pub async fn adopt(&self) -> Result<(usize, Vec<ObjectName>), Error> {
         let (mut images, mut left) = (0, Vec::new());
-        for name in self.store().unreferenced_of(ObjectKind::Instance).await? {
+        for name in upkeep::unreferenced_of(self.cases.store(), ObjectKind::Instance).await? {
             match self.receive_again(&name).await? {
                 true => images += 1,
                 false => left.push(name),
@@ -218,10 +218,11 @@ impl Arrivals {
 
     /// Whether an image could be received.
     async fn receive_again(&self, name: &ObjectName) -> Result<bool, Error> {
-        let Some(file): Option<Spooled> = self.store().spool_object(name).await? else {
+        let Some(file): Option<Spooled> = upkeep::spool_object(self.cases.store(), name).await?
+        else {
             return Ok(false);
         };
-        let identity = match self.cases.headers.read(&file).await {
+        let identity = match InstanceIdentity::read(&self.cases, &file).await {
             Ok(identity) => identity,
             Err(Error::Failure(_)) => return Ok(false),
             Err(error) => return Err(error),
@@ -237,14 +238,14 @@ impl Arrivals {
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
     ) -> Result<Vec<(InstanceIdentity, Spooled)>, Error> {
-        let directory = self.store().spools().directory().await?;
+        let directory = self.cases.store().spools().directory().await?;
         let mut without = Vec::with_capacity(images.len());
         for (number, (identity, file)) in images.into_iter().enumerate() {
             let output = directory.path().join(number.to_string());
-            let fingerprint = self.cases.headers.deidentify(&file, &output).await?;
-            let file = self.store().spools().take(output).await?;
+            let stated = self.cases.headers.deidentify(&file, &output).await?;
+            let file = self.cases.store().spools().take(output).await?;
             let identity = InstanceIdentity {
-                fingerprint,
+                fingerprint: InstanceIdentity::checked(stated)?.fingerprint,
                 ..identity.deidentified()
             };
             without.push((identity, file));

@@ -40,7 +40,7 @@ const PATIENCE: u32 = 10;
 pub fn start_series_reader(arrivals: Arrivals, options: ArrivalOptions) -> Runner {
     let store = arrivals.store().clone();
     let work = Arc::new(ReadSeries { arrivals, options });
-    let mut runner = Runner::start(&store, vec![vec![work]]);
+    let mut runner = Runner::start(store.store(), vec![vec![work]]);
     runner.repeat(FORGET_EVERY, move || forget(store.clone(), options));
     runner
 }
@@ -50,7 +50,7 @@ pub fn start_series_reader(arrivals: Arrivals, options: ArrivalOptions) -> Runne
 pub(super) async fn read_one_series(arrivals: &Arrivals, options: ArrivalOptions) -> bool {
     let arrivals = arrivals.clone();
     let store = arrivals.store().clone();
-    cases::runner::once(&store, Arc::new(ReadSeries { arrivals, options })).await
+    cases::runner::once(store.store(), Arc::new(ReadSeries { arrivals, options })).await
 }
 
 /// Forgets what came some days ago, and results that were sent then.
@@ -75,7 +75,7 @@ impl Work for ReadSeries {
     }
 
     fn terms(&self) -> Terms {
-        let options = self.arrivals.store().options();
+        let options = self.arrivals.cases.store().options();
         Terms {
             max_attempts: options.max_attempts,
             retry_after: RETRY_AFTER,
@@ -149,7 +149,7 @@ impl Arrivals {
         if due.images.is_empty() {
             return Ok(Outcome::Nothing(images_rejected()));
         }
-        let directory = self.store().spools().directory().await?;
+        let directory = self.cases.store().spools().directory().await?;
         if !self.copy_images(due, &directory).await? {
             return Ok(Outcome::Nothing(images_damaged()));
         }
@@ -184,7 +184,7 @@ impl Arrivals {
         ) {
             Becomes::Known(case) => {
                 // From now on they have not come again.
-                let (mut transaction, _) = self.store().write().await?;
+                let (mut transaction, _) = self.cases.store().write().await?;
                 made::make(&mut transaction, &Made::case(&case), &upload.images).await?;
                 transaction.commit().await?;
                 return Ok(Outcome::Case(case));
@@ -209,12 +209,12 @@ impl Arrivals {
     /// [`Error::SourceMissing`] if one is missing, or an error of the store.
     async fn copy_images(&self, due: &DueSeries, directory: &TempDir) -> Result<bool, Error> {
         let images: Vec<_> = due.images.iter().map(|image| image.object).collect();
-        if copy_objects(self.store(), &images, directory).await? {
+        if copy_objects(self.cases.store(), &images, directory).await? {
             return Ok(true);
         }
         for image in &images {
-            if let Err(Unreadable::Missing) = self.store().object(image).await {
-                self.store().signals().count(Count::MissingSource);
+            if let Err(Unreadable::Missing) = self.cases.store().object(image).await {
+                self.cases.store().signals().count(Count::MissingSource);
                 return Err(Error::SourceMissing);
             }
         }
@@ -249,7 +249,7 @@ impl Arrivals {
         let Some(case) = of_patient else {
             return Ok(is_another_here.then(|| Outcome::Nothing(case_of_another_patient(due))));
         };
-        let directory = self.store().spools().directory().await?;
+        let directory = self.cases.store().spools().directory().await?;
         if !self.copy_images(due, &directory).await? {
             return Ok(Some(Outcome::Nothing(images_damaged())));
         }
@@ -291,9 +291,9 @@ impl Arrivals {
         case: &CaseId,
         kept: &LayerId,
     ) -> Result<(), StoreError> {
-        let open = self.store().layers(case).await?.into_iter();
+        let open = self.cases.store().layers(case).await?.into_iter();
         let open: Vec<_> = open.filter(|layer| layer.closed.is_none()).collect();
-        let mut connection = self.store().connect().await?;
+        let mut connection = self.cases.store().connect().await?;
         let all = made::of(&mut connection, &Made::layer(case, kept)).await?;
         let of_series = layers::of_series(&mut connection, &uids.series).await?;
         drop(connection);
@@ -307,9 +307,9 @@ impl Arrivals {
                 continue;
             }
             let made = Made::layer(case, &layer);
-            let some = made::of(&mut self.store().connect().await?, &made).await?;
+            let some = made::of(&mut self.cases.store().connect().await?, &made).await?;
             if some.len() < all.len() && some.iter().all(has) {
-                self.store().delete((case, &layer)).await?;
+                self.cases.store().delete((case, &layer)).await?;
             }
         }
         Ok(())

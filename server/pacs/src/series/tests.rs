@@ -33,6 +33,7 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let store = Store::in_memory(with_tables()).await.unwrap();
     let arrivals = Arrivals::new(application(store, OUT_OF_MEMORY));
     let file = arrivals
+        .cases
         .store()
         .spools()
         .of("an image".into())
@@ -61,7 +62,10 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let mut attempts = 0;
     while attempts < 100 && read_one_series(&arrivals, options).await {
         attempts += 1;
-        arrivals.store().pass_time(Duration::from_secs(24 * 3600));
+        arrivals
+            .cases
+            .store()
+            .pass_time(Duration::from_secs(24 * 3600));
     }
     let query = SeriesQuery::Study(uid("1.2"), None);
     let arrival = arrivals.store().arrivals_of(&query).await.unwrap();

@@ -1,9 +1,9 @@
 //! Series that come from a PACS, and the index of the series of cases.
 
+use crate::identity::Rejection;
 use case::images::Following;
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Failure, ObjectKind};
-use cases::dicom::Rejection;
 use jiff::Timestamp;
 use storage::args;
 use storage::tables::{
@@ -42,7 +42,7 @@ impl PacsStore {
         pinned: &Pinned,
         source: ArrivalSource,
     ) -> Result<Referred<Vec<Reception>>, StoreError> {
-        let (transaction, now) = self.write().await?;
+        let (transaction, now) = self.store.write().await?;
         self.add_images(transaction, instances, pinned, source, now)
             .await
     }
@@ -58,7 +58,7 @@ impl PacsStore {
         source: ArrivalSource,
     ) -> Result<Vec<Reception>, StoreError> {
         let pinned = Pinned::new(images.iter().map(ObjectName::from));
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         pins::hold(&mut transaction, &pinned, now).await?;
         let added = self.add_images(transaction, images, &pinned, source, now);
         match added.await? {
@@ -90,7 +90,7 @@ impl PacsStore {
 
     fn all_changed(&self, cases: &[CaseId]) {
         for case in cases {
-            self.signals().changed(case);
+            self.store.signals().changed(case);
         }
     }
 
@@ -105,7 +105,7 @@ impl PacsStore {
         source: ArrivalSource,
         reason: &Failure,
     ) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         transaction
             .execute(
                 "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
@@ -131,7 +131,7 @@ impl PacsStore {
         source: ArrivalSource,
         by: &str,
     ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         let changed = images::reject(&mut transaction, rejection, by, now).await?;
         let mut here = 0;
         for (uids, instances) in &rejection.series {
@@ -159,7 +159,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be written.
     pub(crate) async fn lift(&self, rejection: &str) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.write().await?;
+        let (mut transaction, _) = self.store.write().await?;
         let mut changed = Vec::new();
         let Some((uids, instances)) =
             images::lift(&mut transaction, rejection, &mut changed).await?
@@ -189,7 +189,7 @@ impl PacsStore {
         uids: &SeriesUids,
         instances: usize,
     ) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+        let (mut transaction, _) = self.store.write().await?;
         transaction
             .execute(
                 "UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3",
@@ -205,14 +205,14 @@ impl PacsStore {
     /// If the rows cannot be read or written.
     pub(crate) async fn queue_due_series(&self, terms: &DueTerms) -> Result<usize, StoreError> {
         // Most queries find nothing and must not wait for writers.
-        let mut reader = self.connect().await?;
+        let mut reader = self.store.connect().await?;
         let now = reader.now().await?;
         let found = due(&mut reader, terms, now).await?;
         drop(reader);
         if found.is_empty() {
             return Ok(0);
         }
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         let due = due(&mut transaction, terms, now).await?;
         for id in &due {
             let job = NewJob::new(SERIES, id.clone());
@@ -230,7 +230,7 @@ impl PacsStore {
         &self,
         claim: &Claim,
     ) -> Result<Option<DueSeries>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let row = connection
             .fetch_optional(
                 "SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1",
@@ -258,7 +258,7 @@ impl PacsStore {
         claim: &Claim,
         outcome: &Outcome,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         // A series that became nothing was read: the job is done, and the series has the reason.
         let settled = jobs::finish(&mut transaction, claim, Ok(()), now).await?
             && settle(&mut transaction, &claim.key, outcome).await?;
@@ -277,7 +277,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be written.
     pub(crate) async fn take(&self, arrival: &str, taken: &Taken) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+        let (mut transaction, _) = self.store.write().await?;
         transaction
             .execute(
                 "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
@@ -301,7 +301,7 @@ impl PacsStore {
         after: Option<&Cursor>,
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<Cursor>), StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let (at, id) = Cursor::place(after);
         let rows = connection
             .fetch_all(
@@ -335,7 +335,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub(crate) async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let row = connection
             .fetch_optional(select_arrival!("WHERE id = $1"), args![id])
             .await?;
@@ -350,7 +350,7 @@ impl PacsStore {
         &self,
         query: &SeriesQuery,
     ) -> Result<Vec<Arrival>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let rows = match query {
             SeriesQuery::Study(study, series) => connection
                 .fetch_all(
@@ -378,7 +378,7 @@ impl PacsStore {
         &self,
         uids: &SeriesUids,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let row = connection
             .fetch_optional(
                 "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
@@ -397,7 +397,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
-        images_of(&mut self.connect().await?, uids).await
+        images_of(&mut self.store.connect().await?, uids).await
     }
 
     /// Forgets the images of a series that are not among these.
@@ -406,7 +406,7 @@ impl PacsStore {
         arrival: &Arrival,
         kept: &[(Uid, ObjectName)],
     ) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         let mut forgotten = Vec::new();
         for image in images_of(&mut transaction, &arrival.uids).await? {
             if kept.contains(&image) {
@@ -439,7 +439,7 @@ impl PacsStore {
         images: &[NewInstance],
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(false);
         }

@@ -4,7 +4,8 @@ use std::collections::HashSet;
 
 use case::series::Uid;
 use storage::tables::made;
-use storage::{Copied, Made, ObjectName, Pinned, StoreError};
+use storage::upkeep::{Copied, copy_objects};
+use storage::{Made, ObjectName, Pinned, StoreError};
 
 use super::PacsStore;
 use crate::values::{Arrival, ArrivalQuery, NewInstance, SentResult, TransferQuery};
@@ -160,7 +161,8 @@ impl PacsStore {
                     false => Err(StoreError::Rows("a pin was lost".into())),
                 }
             };
-            let (whole, missing) = self.copy_objects(other, &names, copied, write).await?;
+            let (whole, missing) =
+                copy_objects(&self.store, &other.store, &names, copied, write).await?;
             lost.extend(missing);
             of_pacs.images += whole;
         }
@@ -184,13 +186,12 @@ impl PacsStore {
     ) -> Result<bool, StoreError> {
         // The layers that it shows may be gone.
         let made = Made::result(&result.case, &result.id);
-        let made_of = &made::of(&mut self.connect().await?, &made).await?;
+        let made_of = &made::of(&mut self.store.connect().await?, &made).await?;
         let write = |pinned: Pinned, lost: Vec<ObjectName>| async move {
             Ok(lost.is_empty() && other.write_copied_result(result, made_of, &pinned).await?)
         };
-        let written = self
-            .copy_objects(other, &[result.object], copied, write)
-            .await?;
+        let written =
+            copy_objects(&self.store, &other.store, &[result.object], copied, write).await?;
         if written {
             of_pacs.results += 1;
         } else if self.result(&result.id).await?.is_some() {

@@ -4,10 +4,10 @@
 
 use std::collections::BTreeSet;
 
+use crate::identity::Rejection;
 use case::images::{Fingerprint, Following, Image};
 use case::series::{SeriesUids, Uid};
 use case::{CaseId, LayerId};
-use cases::dicom::Rejection;
 use jiff::Timestamp;
 use storage::args;
 use storage::tables::{
@@ -28,7 +28,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub(crate) async fn has_come(&self, image: &Uid) -> Result<bool, StoreError> {
-        let last = last(&mut self.connect().await?, image).await?;
+        let last = last(&mut self.store.connect().await?, image).await?;
         Ok(last.is_some())
     }
 
@@ -37,7 +37,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub(crate) async fn rejections(&self, limit: usize) -> Result<Vec<Rejected>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let rows = connection
             .fetch_all(
                 "SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
@@ -65,7 +65,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub(crate) async fn made_of_any(&self, of: &[Image]) -> Result<Vec<MadeCase>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let mut ids = BTreeSet::new();
         for image in of {
             let rows = connection
@@ -136,7 +136,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be written.
     pub(crate) async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         let at = timestamp(now)?;
         for instance in instances {
             let withdrawn = Withdrawn {
@@ -157,7 +157,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub(crate) async fn are_withdrawn(&self, instances: &[Uid]) -> Result<Vec<bool>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let mut are = Vec::with_capacity(instances.len());
         for instance in instances {
             let sql =
@@ -174,7 +174,7 @@ impl PacsStore {
         after: Option<&Withdrawn>,
         limit: usize,
     ) -> Result<Vec<Withdrawn>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let uids = after.and_then(|after| after.uids.as_ref());
         let rows = connection
             .fetch_all(
@@ -208,7 +208,7 @@ impl PacsStore {
         after: Option<&LastImage>,
         limit: usize,
     ) -> Result<Vec<LastImage>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let rows = connection
             .fetch_all(
                 "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
@@ -224,7 +224,7 @@ impl PacsStore {
         &self,
         withdrawn: &[Withdrawn],
     ) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+        let (mut transaction, _) = self.store.write().await?;
         for withdrawn in withdrawn {
             withdraw(&mut transaction, withdrawn).await?;
         }
@@ -235,7 +235,7 @@ impl PacsStore {
 
     /// Notes that images came as another store has them, unless others have come here since.
     pub(crate) async fn write_copied_images(&self, images: &[LastImage]) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+        let (mut transaction, _) = self.store.write().await?;
         for image in images {
             let here = last(&mut transaction, &image.uid).await?;
             if here.is_none_or(|here| here.last_at <= image.last_at) {

@@ -13,7 +13,6 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,14 +38,6 @@ pub struct PacsStore {
     counts: Arc<ImageCounts>,
 }
 
-impl Deref for PacsStore {
-    type Target = Store;
-
-    fn deref(&self) -> &Store {
-        &self.store
-    }
-}
-
 impl PacsStore {
     /// Of a store that was opened with [`PacsTables`].
     pub fn new(store: Store) -> Self {
@@ -54,6 +45,11 @@ impl PacsStore {
             store,
             counts: Arc::default(),
         }
+    }
+
+    /// The store itself.
+    pub fn store(&self) -> &Store {
+        &self.store
     }
 
     /// How many images came on which way and what became of them, since the process started.
@@ -72,23 +68,22 @@ impl PacsStore {
     /// # Errors
     /// If the rows or the objects cannot be written.
     pub async fn forget(&self, unchanged: Duration) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         let before = now - microseconds(unchanged);
         arrivals::forget(&mut transaction, before, now).await?;
         results::forget(&mut transaction, before, now).await?;
         let long_ago = now - microseconds(REJECTIONS_KEPT.max(unchanged));
         images::forget(&mut transaction, long_ago).await?;
         transaction.commit().await?;
-        self.collect().await
+        self.store.collect().await
     }
 
-    /// How many series and results are in which state, as [`storage::RowCounts`] has them.
+    /// How many series and results are in which state, as [`storage::upkeep::RowCounts`] has them.
     ///
     /// # Errors
     /// If the rows cannot be read.
     pub async fn counts_by_state(&self) -> Result<Vec<(String, String, String, u64)>, StoreError> {
-        let rows = self
-            .connect()
+        let rows = self.store.connect()
             .await?
             .fetch_all(
                 "SELECT 'arrivals' AS what, '' AS part, state, count(*) AS number FROM arrivals GROUP BY state
@@ -116,7 +111,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn count(&self) -> Result<OfPacs, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let row = connection
             .fetch_one(
                 "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,

@@ -62,10 +62,10 @@ impl PacsStore {
         let some = &instances[..];
         let insert =
             |pinned: Pinned| async move { self.insert_images(some, &pinned, source).await };
-        let received = self.with_pinned(&files, insert).await?;
+        let received = self.store.with_pinned(&files, insert).await?;
         // Files of images that were there already, or that were replaced, are not needed.
         if received.iter().any(|became| *became != Reception::New)
-            && let Err(error) = self.collect().await
+            && let Err(error) = self.store.collect().await
         {
             tracing::warn!(%error, "abandoned objects will be removed later");
         }
@@ -86,7 +86,12 @@ mod tests {
     }
 
     async fn image(store: &PacsStore, number: u32, contents: &str) -> (NewInstance, Spooled) {
-        let file = store.spools().of(contents.to_owned().into()).await.unwrap();
+        let file = store
+            .store()
+            .spools()
+            .of(contents.to_owned().into())
+            .await
+            .unwrap();
         let new = NewInstance {
             uids: SeriesUids {
                 study: uid("1.2"),
@@ -126,7 +131,7 @@ mod tests {
             "the other contents are gone"
         );
         assert_eq!(files_below(&directory.path().join("uploads")).len(), 0);
-        store.close().await;
+        store.store().close().await;
         let store = open(directory.path()).await;
         let query = SeriesQuery::Study(uid("1.2"), None);
         let arrivals = store.arrivals_of(&query).await.unwrap();

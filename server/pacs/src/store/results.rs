@@ -52,11 +52,11 @@ impl PacsStore {
         new: &NewResult,
         file: Bytes,
     ) -> Result<SentResult, StoreError> {
-        let spooled = self.spools().of(file).await?;
+        let spooled = self.store.spools().of(file).await?;
         let object = Writing::File(new.object(), &spooled);
         let insert = |pinned: Pinned| async move { self.insert_result(new, &pinned).await };
-        let queued = self.with_pinned(&[object], insert).await?;
-        self.signals().queued();
+        let queued = self.store.with_pinned(&[object], insert).await?;
+        self.store.signals().queued();
         Ok(queued)
     }
 
@@ -67,7 +67,7 @@ impl PacsStore {
         new: &NewResult,
         pinned: &Pinned,
     ) -> Result<Referred<SentResult>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(Referred::PinLost);
         }
@@ -101,7 +101,7 @@ impl PacsStore {
         made_of: &[Image],
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.store.write().await?;
         if !transaction.has_case(&result.case.to_string()).await?
             || !pins::consume(&mut transaction, pinned).await?
         {
@@ -143,7 +143,7 @@ impl PacsStore {
         after: Option<&Cursor>,
         limit: usize,
     ) -> Result<(Vec<SentResult>, Option<Cursor>), StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let (at, id) = Cursor::place(after);
         let rows = connection
             .fetch_all(
@@ -172,7 +172,7 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be read.
     pub(crate) async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
-        one(&mut self.connect().await?, id).await
+        one(&mut self.store.connect().await?, id).await
     }
 
     /// The object of a result that was queued before; results for different nodes share one.
@@ -183,7 +183,7 @@ impl PacsStore {
         &self,
         instance: &Uid,
     ) -> Result<Option<ObjectName>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let row = connection
             .fetch_optional(
                 "SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1",
@@ -201,7 +201,7 @@ impl PacsStore {
         &self,
         study: &Uid,
     ) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
-        let mut connection = self.connect().await?;
+        let mut connection = self.store.connect().await?;
         let rows = connection
             .fetch_all(
                 "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1

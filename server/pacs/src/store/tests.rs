@@ -3,16 +3,15 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::identity::Rejection;
 use case::images::{Fingerprint, Image};
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Closed, JobKind, JobState, LayerParameters, Parameters};
-use cases::dicom::Rejection;
 use storage::tables::{Referred, layers, made};
 use storage::testing::files_below;
 use storage::testing::steps::{insert_case, pinned};
-use storage::{
-    Copied, Defect, LayerName, LayerUpload, Made, ObjectName, Options, Store, StoreError, Upload,
-};
+use storage::upkeep::{self, Copied, Defect};
+use storage::{LayerName, LayerUpload, Made, ObjectName, Options, Store, StoreError, Upload};
 use tempfile::TempDir;
 
 use super::conformance::{Subject, new_result, open, queue};
@@ -28,7 +27,14 @@ const MAX_ATTEMPTS: u32 = 5;
 
 /// Leases jobs of a kind, and lets their process die, until there is none; returns how often.
 async fn die_each_time(subject: &Subject, kind: JobKind) -> u32 {
-    let claim = async || subject.store.claim(kind, MAX_ATTEMPTS).await.unwrap();
+    let claim = async || {
+        subject
+            .store
+            .store()
+            .claim(kind, MAX_ATTEMPTS)
+            .await
+            .unwrap()
+    };
     let mut attempts = 0;
     while claim().await.is_some() {
         attempts += 1;
@@ -61,7 +67,7 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
         label: None,
         fingerprint: None,
     };
-    let pins = pinned(store, &[ObjectName::from(&image)]).await;
+    let pins = pinned(store.store(), &[ObjectName::from(&image)]).await;
     let received = store
         .insert_images(&[image], &pins, ArrivalSource::CStore)
         .await;
@@ -88,7 +94,7 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
 async fn a_result_whose_sender_dies_each_time_fails() {
     let subject = Subject::in_memory().await;
     let store = &subject.store;
-    let case = insert_case(store, "a", Some(Vec::new()), None).await;
+    let case = insert_case(store.store(), "a", Some(Vec::new()), None).await;
     let queued = queue(store, &new_result(case, "pacs", "a result")).await;
     let attempts = die_each_time(&subject, SEND).await;
     let seen = store.result(&queued.id).await.unwrap().unwrap();
@@ -105,7 +111,7 @@ async fn store(directory: &TempDir) -> PacsStore {
 #[tokio::test]
 async fn a_store_with_these_tables_is_not_opened_without_them() {
     let directory = tempfile::tempdir().unwrap();
-    store(&directory).await.close().await;
+    store(&directory).await.store().close().await;
     let error = Store::open(directory.path(), Options::default())
         .await
         .unwrap_err();
@@ -120,7 +126,7 @@ fn file_of(directory: &TempDir, name: &ObjectName) -> PathBuf {
 /// What an inspection finds.
 async fn inspected(store: &Store) -> Vec<Defect> {
     let mut findings = Vec::new();
-    let inspected = store.inspect(&mut |finding| findings.push(finding)).await;
+    let inspected = upkeep::inspect(store, &mut |finding| findings.push(finding)).await;
     inspected.unwrap();
     findings
 }
@@ -128,7 +134,9 @@ async fn inspected(store: &Store) -> Vec<Defect> {
 /// Copies the cases.
 async fn copied(from: &PacsStore, to: &PacsStore) -> Copied {
     from.copy_images_into(to).await.unwrap();
-    from.copy_into(to, &mut |_, _| {}).await.unwrap()
+    upkeep::copy_into(from.store(), to.store(), &mut |_, _| {})
+        .await
+        .unwrap()
 }
 
 /// The fingerprint of an image of a series.
@@ -140,7 +148,7 @@ fn print(number: usize) -> Fingerprint {
 async fn three_images(store: &PacsStore) -> [ObjectName; 3] {
     let mut images = Vec::new();
     for (number, content) in ["image 0", "image 1", "image 2"].into_iter().enumerate() {
-        let file = store.spools().of(content.into()).await.unwrap();
+        let file = store.store().spools().of(content.into()).await.unwrap();
         let new = NewInstance {
             uids: SeriesUids {
                 study: uid("1.2"),
@@ -167,13 +175,13 @@ async fn an_inspection_reads_the_images_of_a_pacs() {
     let store = store(&directory).await;
     let names = three_images(&store).await;
     let mut findings = Vec::new();
-    let sound = store.inspect(&mut |finding| findings.push(finding)).await;
+    let sound = upkeep::inspect(store.store(), &mut |finding| findings.push(finding)).await;
     let sound = sound.unwrap();
     assert_eq!((sound.cases, sound.objects, findings), (0, 3, vec![]));
 
     std::fs::write(file_of(&directory, &names[0]), b"damaged").unwrap();
     std::fs::remove_file(file_of(&directory, &names[1])).unwrap();
-    let mut findings = inspected(&store).await;
+    let mut findings = inspected(store.store()).await;
     findings.sort_by_key(|finding| matches!(finding, Defect::DamagedForPacs(_)));
     let expected = [
         Defect::MissingForPacs(names[1]),
@@ -196,12 +204,15 @@ async fn copied_of_pacs(from: &PacsStore, to: &PacsStore) -> (Copied, OfPacs, Ve
 /// A case of three images that are kept, and a result of it that was sent.
 async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
     let upload = Upload {
-        volume: store.spools().of("volume".into()).await.unwrap(),
+        volume: store.store().spools().of("volume".into()).await.unwrap(),
         mask: None,
         dicom: None,
         images: Vec::new(),
     };
-    let submitted = store.submit(upload, Parameters::default(), None).await;
+    let submitted = store
+        .store()
+        .submit(upload, Parameters::default(), None, false)
+        .await;
     let id = submitted.unwrap().case.id;
     let images = three_images(store).await;
     let terms = DueTerms {
@@ -209,7 +220,7 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         patience: Duration::ZERO,
     };
     assert_eq!(store.queue_due_series(&terms).await.unwrap(), 1);
-    let due = store.claim(SERIES, 3).await.unwrap().unwrap();
+    let due = store.store().claim(SERIES, 3).await.unwrap().unwrap();
     assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
     let of = |number: usize| Image {
         uid: uid(&format!("1.2.3.{number}")),
@@ -217,7 +228,7 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         times: 0,
     };
     let of: Vec<_> = (0..3).map(of).collect();
-    let (mut transaction, _) = store.write().await.unwrap();
+    let (mut transaction, _) = store.store().write().await.unwrap();
     let made = Made::case(&id);
     made::make(&mut transaction, &made, &of).await.unwrap();
     transaction.commit().await.unwrap();
@@ -227,8 +238,8 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         ..new_result(id, "pacs", "a result")
     };
     let queued = store.queue_result(new, file[..].into()).await;
-    let leased = store.claim(SEND, 3).await.unwrap().unwrap();
-    assert!(store.finish(&leased, Ok(())).await.unwrap());
+    let leased = store.store().claim(SEND, 3).await.unwrap().unwrap();
+    assert!(store.store().finish(&leased, Ok(())).await.unwrap());
     (id, images, queued.unwrap().id)
 }
 
@@ -266,16 +277,19 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
         ),
         (JobState::Done, case, "pacs")
     );
-    assert_eq!(&to.object(&sent.object).await.unwrap()[..], b"a result");
+    assert_eq!(
+        &to.store().object(&sent.object).await.unwrap()[..],
+        b"a result"
+    );
     assert_eq!(files_below(&there.path().join("uploads")).len(), 0);
 
     // Again, nothing is written and nothing is lost.
     let (again, of_pacs, _) = copied_of_pacs(&from, &to).await;
     assert_eq!((of_pacs, again.objects, again.kept), (whole, 0, 4));
-    assert_eq!(inspected(&to).await, []);
+    assert_eq!(inspected(to.store()).await, []);
     assert_eq!(to.result(&result).await.unwrap(), Some(sent));
     for name in images {
-        to.object(&name).await.unwrap();
+        to.store().object(&name).await.unwrap();
     }
 }
 
@@ -284,7 +298,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let (from, to) = (store(&here).await, store(&there).await);
     let (case, ..) = a_kept_series(&from).await;
-    let spooled = from.spools().of("a FLAIR".into()).await.unwrap();
+    let spooled = from.store().spools().of("a FLAIR".into()).await.unwrap();
     let upload = LayerUpload {
         case,
         volume: spooled,
@@ -294,17 +308,17 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
         name: LayerName::Usual("FLAIR".to_owned()),
         parameters: LayerParameters::default(),
     };
-    let layer = from.submit_layer(upload).await.unwrap().layer;
+    let layer = from.store().submit_layer(upload).await.unwrap().layer;
     copied(&from, &to).await;
     copied_of_pacs(&from, &to).await;
     // The series of a layer, by which it is found when the PACS rejects it, is copied too.
-    let of_series = layers::of_series(&mut to.connect().await.unwrap(), &uid("1.2.7"))
+    let of_series = layers::of_series(&mut to.store().connect().await.unwrap(), &uid("1.2.7"))
         .await
         .unwrap();
     assert_eq!(of_series, [(case, layer.id)]);
-    from.delete((&case, &layer.id)).await.unwrap();
+    from.store().delete((&case, &layer.id)).await.unwrap();
     copied(&from, &to).await;
-    assert_eq!(to.layers(&case).await.unwrap(), []);
+    assert_eq!(to.store().layers(&case).await.unwrap(), []);
     let study = SeriesQuery::Study(uid("1.2"), None);
     let arrival = from.arrivals_of(&study).await.unwrap().remove(0);
     let images = from.images_of(&arrival.uids).await.unwrap();
@@ -320,7 +334,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     };
     let first = images[0].0.clone();
     reject(false, vec![first.clone()]).await;
-    let closed = async |store: &PacsStore| store.closed(&case).await.unwrap();
+    let closed = async |store: &PacsStore| store.store().case(&case).await.unwrap().unwrap().closed;
     assert_eq!(closed(&from).await, Some(Closed::Rejected));
     assert_eq!(closed(&to).await, Some(Closed::Rejected));
     assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images);
@@ -333,7 +347,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     assert_eq!(to.arrivals_of(&study).await.unwrap(), left);
     // What was sent is known there also when nothing of it is kept.
     assert!(to.has_come(&images[0].0).await.unwrap());
-    assert_eq!(inspected(&to).await, []);
+    assert_eq!(inspected(to.store()).await, []);
 }
 
 #[tokio::test]

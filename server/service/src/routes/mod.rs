@@ -49,6 +49,7 @@ use http::conditional::{self, Format};
 use http::listen::client_of;
 use http::problem::AppError;
 use http::sent::MAX_BODY_BYTES;
+use storage::tables::cases::closed;
 
 /// The header that says why the case behind an answer is closed.
 const CLOSED: HeaderName = HeaderName::from_static("x-isocortex-closed");
@@ -294,7 +295,8 @@ async fn say_what_counts(
     }
     // Without the database, what was seen a moment ago is still shown, and nobody knows of anything later.
     if let Some(id) = id.filter(|_| shows)
-        && let Ok(Some(why)) = cases.store().closed(&id).await
+        && let Ok(mut connection) = cases.store().connect().await
+        && let Ok(Some(why)) = closed(&mut connection, &id).await
     {
         let why = HeaderValue::from_static(why.name());
         response.headers_mut().insert(CLOSED, why);

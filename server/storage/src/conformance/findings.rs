@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::layers::ready_case;
 use super::{Subject, insert, new_case};
-use crate::rows::{Inserted, Referred};
-use crate::{FindingsVersion, Replaced, Store, StoreError};
+use crate::rows::Referred;
+use crate::{FindingsVersion, Replaced, Store, StoreError, upkeep};
 use case::CaseId;
 
 async fn put(store: &Store, id: &CaseId, version: FindingsVersion, document: &str) -> Replaced {
@@ -55,7 +55,7 @@ pub(crate) async fn a_version_begins_with_the_findings_of_its_case(subject: &Sub
     let mut version = new_case(store, "b").await;
     version.previous = Some(id);
     let inserted = store.insert_case(&version).await.unwrap();
-    assert_eq!(inserted, Referred::Done(Inserted::Created));
+    assert!(matches!(inserted, Referred::Done(_)));
     let inherited = store.findings(&version.id).await.unwrap();
     assert_eq!(inherited.document, "[1]");
     put(store, &version.id, inherited.version, "[1,2]").await;
@@ -67,10 +67,10 @@ pub(crate) async fn a_change_of_findings_makes_a_case_young_again(subject: &Subj
     let id = ready_case(store, "a").await.id;
     let age = Duration::from_secs(60);
     subject.pass(61);
-    assert_eq!(store.expired(age, 10).await.unwrap(), [id]);
+    assert_eq!(upkeep::expired(store, age, 10).await.unwrap(), [id]);
     let none = store.findings(&id).await.unwrap().version;
     put(store, &id, none, "[1]").await;
-    assert_eq!(store.expired(age, 10).await.unwrap(), []);
+    assert_eq!(upkeep::expired(store, age, 10).await.unwrap(), []);
 }
 
 pub(crate) async fn damaged_findings_are_never_shown(subject: &Subject) {
@@ -84,10 +84,10 @@ pub(crate) async fn damaged_findings_are_never_shown(subject: &Subject) {
     let written = store.replace_findings(&id, none, "[2]".to_owned()).await;
     assert!(matches!(written, Err(StoreError::DamagedFindings(_))));
     let mut found = Vec::new();
-    let inspected = store.inspect(&mut |finding| found.push(finding)).await;
+    let inspected = upkeep::inspect(store, &mut |finding| found.push(finding)).await;
     inspected.unwrap();
     assert!(
-        found.contains(&crate::Defect::DamagedFindings(id)),
+        found.contains(&upkeep::Defect::DamagedFindings(id)),
         "{found:?}"
     );
 }

@@ -9,9 +9,7 @@ use case::{
 
 use super::{Subject, derived, insert, removed};
 use crate::jobs::{Claim, Release};
-use crate::rows::{
-    Inserted, LayerChange, LayerName, NewCase, NewLayer, Pinned, Published, Referred,
-};
+use crate::rows::{LayerChange, LayerName, NewCase, NewLayer, Pinned, Published, Referred};
 use crate::testing::{claim, facts, failure, layer_facts, name, new_case, pinned};
 use crate::{ObjectName, Store, StoreError};
 use case::series::Uid;
@@ -66,7 +64,7 @@ pub(super) async fn insert_layer_of(
         ..new_layer(store, case, contents).await
     };
     let inserted = store.insert_layer(&new).await.unwrap();
-    assert_eq!(inserted, Referred::Done(Inserted::Created));
+    assert_eq!(inserted, Referred::Done(true));
     new
 }
 
@@ -100,7 +98,7 @@ pub(crate) async fn a_layer_is_inserted_once_and_as_many_as_may(subject: &Subjec
     let new = insert_layer(store, &case, "l").await;
     assert_eq!(
         store.insert_layer(&new).await.unwrap(),
-        Referred::Unneeded(Inserted::Exists)
+        Referred::Unneeded(false)
     );
     let found = layer(store, &new).await.unwrap();
     assert_eq!((found.case, found.id), (case, new.id));
@@ -277,7 +275,7 @@ pub(crate) async fn a_layer_fails_and_is_queued_again(subject: &Subject) {
     let again = new_layer(store, &case, "l").await;
     assert_eq!(
         store.insert_layer(&again).await.unwrap(),
-        Referred::Done(Inserted::Requeued)
+        Referred::Done(true)
     );
     // Preparations that are killed end at last.
     for _ in 0..3 {
@@ -330,10 +328,10 @@ pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
 
     let mut version = new_case(store, "b").await;
     version.previous = Some(case.id);
-    assert_eq!(
+    assert!(matches!(
         store.insert_case(&version).await.unwrap(),
-        Referred::Done(Inserted::Created)
-    );
+        Referred::Done(_)
+    ));
     let layers = store.layers(&version.id).await.unwrap();
     assert_eq!(layers.len(), 1);
     assert_eq!((layers[0].case, layers[0].id), (version.id, new.id));

@@ -1,16 +1,14 @@
 //! Cases.
 
-use std::time::Duration;
-
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row, Value, containing, microseconds};
+use super::connection::{Connection, Row, Value, containing};
 use super::made::{self, read_closed};
 use super::{findings, jobs, layers, owners};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{CaseChange, Inserted, Made, NewCase, Owner, Pinned, Published, Referred};
-use crate::{CaseQuery, Cursor, Page, Store, StoreError};
+use crate::rows::{CaseChange, Made, NewCase, Pinned, Published, Referred, Relabel};
+use crate::{CaseQuery, Cursor, Page, Store, StoreError, Submitted};
 use case::images::{Closed, Image};
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
@@ -55,7 +53,7 @@ impl Store {
     }
 
     /// Queues a case again whose facts are damaged: they are made again from the source.
-    async fn make_facts_again(&self, id: &CaseId) -> Result<(), StoreError> {
+    pub(crate) async fn make_facts_again(&self, id: &CaseId) -> Result<(), StoreError> {
         tracing::error!(
             case = id.short(),
             "the facts of a case are damaged; the case will be prepared again from its source"
@@ -67,64 +65,40 @@ impl Store {
         transaction.commit().await
     }
 
-    /// Why a case is closed, if it is.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn closed(&self, id: &CaseId) -> Result<Option<Closed>, StoreError> {
-        closed(&mut self.connect().await?, id).await
-    }
-
-    /// At most `limit` cases that are ready or failed, not kept, and were last uploaded at least `age` ago; oldest first.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError> {
-        let mut connection = self.connect().await?;
-        let before = connection.now().await?.saturating_sub(microseconds(age));
-        let rows = connection
-            .fetch_all(
-                "SELECT id FROM cases
-                 WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
-                   AND NOT kept AND state IN ('ready', 'failed')
-                 ORDER BY created_at, id LIMIT $2",
-                args![before, i64::try_from(limit).unwrap_or(i64::MAX)],
-            )
-            .await?;
-        let read = |row: &Row| {
-            let id: String = row.get("id")?;
-            CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
-        };
-        rows.iter().map(read).collect()
-    }
-
     /// Makes a case and its job, and turns its pins into references; or queues a failed one again. A version gets the
     /// layers of the case that it is a version of.
     pub(crate) async fn insert_case(
         &self,
         new: &NewCase,
-    ) -> Result<Referred<Inserted>, StoreError> {
+    ) -> Result<Referred<Submitted>, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let inserted = submit(&mut transaction, new, now).await?;
-        if inserted != Referred::PinLost {
+        let submitted = submit(&mut transaction, new, now).await?;
+        if submitted != Referred::PinLost {
             transaction.commit().await?;
         }
-        Ok(inserted)
+        Ok(submitted)
     }
 
-    /// Lets the age of a case count from now, because its input was uploaded again, made of these images; returns whether it exists.
+    /// A case that was uploaded again, with this label and made of these images. `None`, and nothing has changed, if it must be inserted
+    /// or queued again.
     pub(crate) async fn uploaded_again(
         &self,
         id: &CaseId,
-        images: &[Image],
-    ) -> Result<bool, StoreError> {
+        name: Option<&str>,
+        relabel: Relabel,
+        images: Option<&[Image]>,
+    ) -> Result<Option<Case>, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let exists = owners::uploaded_again(&mut transaction, id, now).await?;
-        if exists && !images.is_empty() {
+        let state = came_again(&mut transaction, id, name, relabel, now).await?;
+        if state.is_none_or(|state| state == CaseState::Failed) {
+            return Ok(None);
+        }
+        if let Some(images) = images.filter(|images| !images.is_empty()) {
             made::make(&mut transaction, &Made::case(id), images).await?;
         }
+        let case = one(&mut transaction, id).await?;
         transaction.commit().await?;
-        Ok(exists)
+        Ok(case)
     }
 
     /// Renames a case, or keeps it for good or no longer; returns whether it exists.
@@ -318,15 +292,12 @@ pub(crate) async fn submit(
     connection: &mut Connection,
     new: &NewCase,
     now: i64,
-) -> Result<Referred<Inserted>, StoreError> {
-    let owner = Owner::from(&new.id);
-    let state = owners::state(connection, owner).await?;
-    if state.is_some() {
-        owners::uploaded_again(connection, &new.id, now).await?;
-    }
+) -> Result<Referred<Submitted>, StoreError> {
+    let (id, name) = (&new.id, new.parameters.name.as_deref());
+    let state = came_again(connection, id, name, new.relabel, now).await?;
     if state.is_some_and(|state| state != CaseState::Failed) {
         make(connection, new).await?;
-        return Ok(Referred::Unneeded(Inserted::Exists));
+        return Ok(Referred::Unneeded(submitted(connection, id, false).await?));
     }
     jobs::check_room(
         connection,
@@ -336,27 +307,52 @@ pub(crate) async fn submit(
         now,
     )
     .await?;
-    let inserted = match state {
-        None => {
-            insert(connection, new, now).await?;
-            Inserted::Created
-        }
-        Some(_) => Inserted::Requeued,
-    };
-    owners::queue_again(connection, owner, &new.client, now).await?;
-    if !owners::refer(connection, owner, &new.sources, now).await? {
+    if state.is_none() {
+        insert(connection, new, now).await?;
+    }
+    owners::queue_again(connection, id.into(), &new.client, now).await?;
+    if !owners::refer(connection, id.into(), &new.sources, now).await? {
         return Ok(Referred::PinLost);
     }
     make(connection, new).await?;
     // What lies in images that do not count any more is not taken over into those that do.
-    if let (Inserted::Created, Some(previous)) = (inserted, &new.previous)
-        && (closed(connection, &new.id).await?.is_some()
+    if let (None, Some(previous)) = (state, &new.previous)
+        && (closed(connection, id).await?.is_some()
             || closed(connection, previous).await?.is_none())
     {
-        layers::inherit(connection, &new.id, previous, now).await?;
-        findings::inherit(connection, &new.id, previous).await?;
+        layers::inherit(connection, id, previous, now).await?;
+        findings::inherit(connection, id, previous).await?;
     }
-    Ok(Referred::Done(inserted))
+    Ok(Referred::Done(submitted(connection, id, true).await?))
+}
+
+async fn submitted(
+    connection: &mut Connection,
+    id: &CaseId,
+    created: bool,
+) -> Result<Submitted, StoreError> {
+    let case = one(connection, id).await?.ok_or(StoreError::NoSuchCase)?;
+    Ok(Submitted { case, created })
+}
+
+/// The state of a case to which something comes again, if there is one: its age counts from now, and it may get this label.
+pub(super) async fn came_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    name: Option<&str>,
+    relabel: Relabel,
+    now: i64,
+) -> Result<Option<CaseState>, StoreError> {
+    let first = name.filter(|_| relabel == Relabel::Any);
+    let last = name.filter(|_| relabel == Relabel::Unlabelled);
+    let row = connection
+        .fetch_optional(
+            "UPDATE cases SET uploaded_at = $1, name = coalesce($2, name, $3) WHERE id = $4
+             RETURNING state, NULL AS job_state",
+            args![now, first, last, id.to_string()],
+        )
+        .await?;
+    Ok(row.as_ref().and_then(jobs::read_state))
 }
 
 /// Writes of which images a case is made.
@@ -370,7 +366,7 @@ async fn make(connection: &mut Connection, new: &NewCase) -> Result<(), StoreErr
 }
 
 /// Why a case is closed; nothing if there is none.
-pub(super) async fn closed(
+pub async fn closed(
     connection: &mut Connection,
     id: &CaseId,
 ) -> Result<Option<Closed>, StoreError> {
@@ -469,40 +465,6 @@ pub(super) async fn make_failed(
         )
         .await?;
     Ok(())
-}
-
-/// How many there are of [`uploaded_before`].
-pub(super) async fn count_uploaded_before(
-    connection: &mut Connection,
-    time: i64,
-) -> Result<u64, StoreError> {
-    let row = connection
-        .fetch_one(
-            "SELECT count(*) AS count FROM cases
-             WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
-               AND NOT kept AND state IN ('ready', 'failed')",
-            args![time],
-        )
-        .await?;
-    let count: i64 = row.get("count")?;
-    Ok(u64::try_from(count).unwrap_or(0))
-}
-
-/// Whether a case is one of [`uploaded_before`].
-pub(super) async fn is_uploaded_before(
-    connection: &mut Connection,
-    id: &CaseId,
-    time: i64,
-) -> Result<bool, StoreError> {
-    let row = connection
-        .fetch_one(
-            "SELECT EXISTS (SELECT 1 FROM cases
-                            WHERE id = $1 AND COALESCE(uploaded_at, created_at) <= $2
-                              AND NOT kept AND state IN ('ready', 'failed')) AS old",
-            args![id.to_string(), time],
-        )
-        .await?;
-    row.get("old")
 }
 
 /// Removes the row of a case, and abandons the objects of what goes with it; whether it was there.

@@ -4,10 +4,11 @@ use std::time::Duration;
 
 use case::CaseId;
 
-use super::connection::{Connection, microseconds};
-use super::{cases, upkeep};
+use super::connection::{Connection, Row, microseconds, unreadable};
+use super::series::read_case;
+use super::upkeep;
 use crate::args;
-use crate::expiry::{Allowance, Removal, believed_jump};
+use crate::upkeep::{Allowance, Removal, believed_jump};
 use crate::{Store, StoreError};
 
 /// Microseconds of a day.
@@ -51,7 +52,7 @@ impl Store {
         Ok(allowance.covers(row.get::<i64>("gone")? + 1))
     }
 
-    /// As [`Store::delete_rows`], if the case is still [`Store::expired`]; returns whether it was. `None`, and nothing has changed,
+    /// As [`Store::delete_rows`], if the case is still [`expired`]; returns whether it was. `None`, and nothing has changed,
     /// if as many have gone on this day as may.
     pub(crate) async fn delete_expired(
         &self,
@@ -61,7 +62,7 @@ impl Store {
     ) -> Result<Option<bool>, StoreError> {
         let (mut transaction, now) = self.write().await?;
         let before = now.saturating_sub(microseconds(age));
-        if !cases::is_uploaded_before(&mut transaction, id, before).await? {
+        if !is_expired(&mut transaction, id, before).await? {
             return Ok(Some(false));
         }
         let gone = count_removal(&mut transaction, now / DAY).await?;
@@ -70,6 +71,68 @@ impl Store {
         }
         self.delete_in(transaction, id.into(), now).await.map(Some)
     }
+}
+
+/// What [`expired`] finds. Further conditions may follow.
+macro_rules! from_expired {
+    ($rest:literal) => {
+        concat!(
+            "FROM cases WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
+             AND NOT kept AND state IN ('ready', 'failed') ",
+            $rest
+        )
+    };
+}
+
+/// At most `limit` cases that are ready or failed, not kept, and were last uploaded at least `age` ago; oldest first.
+///
+/// # Errors
+/// If the rows cannot be read.
+pub async fn expired(
+    store: &Store,
+    age: Duration,
+    limit: usize,
+) -> Result<Vec<CaseId>, StoreError> {
+    let mut connection = store.connect().await?;
+    let before = connection.now().await?.saturating_sub(microseconds(age));
+    let rows = connection
+        .fetch_all(
+            concat!(
+                "SELECT id ",
+                from_expired!("ORDER BY created_at, id LIMIT $2")
+            ),
+            args![before, i64::try_from(limit).unwrap_or(i64::MAX)],
+        )
+        .await?;
+    let read = |row: &Row| read_case(row, "id")?.ok_or_else(|| unreadable("a case"));
+    rows.iter().map(read).collect()
+}
+
+/// How many there are of [`expired`].
+pub(super) async fn count_expired(
+    connection: &mut Connection,
+    before: i64,
+) -> Result<u64, StoreError> {
+    let sql = concat!("SELECT count(*) AS count ", from_expired!(""));
+    let row = connection.fetch_one(sql, args![before]).await?;
+    Ok(row.get::<i64>("count")?.unsigned_abs())
+}
+
+/// Whether a case is one of [`expired`].
+async fn is_expired(
+    connection: &mut Connection,
+    id: &CaseId,
+    before: i64,
+) -> Result<bool, StoreError> {
+    let sql = concat!(
+        "SELECT EXISTS (SELECT 1 ",
+        from_expired!("AND id = $2"),
+        ") AS expired"
+    );
+    let row = connection
+        .fetch_one(sql, args![before, id.to_string()])
+        .await?;
+    row.get("expired")
 }
 
 /// The last time that was believed; before the first one, that of the latest row.

@@ -1,9 +1,10 @@
 //! The findings of cases.
 
+use super::cases;
 use super::connection::{Connection, Row};
-use super::owners;
 use crate::args;
 use crate::findings::{FindingsVersion, NONE, Replaced, StoredFindings};
+use crate::rows::Relabel;
 use crate::{Store, StoreError};
 use case::CaseId;
 
@@ -28,8 +29,8 @@ impl Store {
     ) -> Result<Replaced, StoreError> {
         let new = StoredFindings::new(document);
         let (mut transaction, now) = self.write().await?;
-        let is_case = owners::uploaded_again(&mut transaction, id, now).await?;
-        if !is_case {
+        let state = cases::came_again(&mut transaction, id, None, Relabel::None, now).await?;
+        if state.is_none() {
             return Ok(Replaced::NoSuchCase);
         }
         if one(&mut transaction, id).await?.version != version {

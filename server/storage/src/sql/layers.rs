@@ -11,9 +11,7 @@ use super::made::{self, read_closed};
 use super::{jobs, owners, pins};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{
-    Inserted, LayerChange, LayerName, Made, NewLayer, Owner, Pinned, Published, Referred,
-};
+use crate::rows::{LayerChange, LayerName, Made, NewLayer, Owner, Pinned, Published, Referred};
 use crate::{Store, StoreError};
 
 impl Store {
@@ -44,11 +42,8 @@ impl Store {
         Ok(layers.into_iter().find(|layer| layer.id == *id))
     }
 
-    /// Makes a layer and its job, and turns its pins into references; or queues a failed one again.
-    pub(crate) async fn insert_layer(
-        &self,
-        new: &NewLayer,
-    ) -> Result<Referred<Inserted>, StoreError> {
+    /// Makes a layer and its job, and turns its pins into references; or queues a failed one again. Returns whether it was queued.
+    pub(crate) async fn insert_layer(&self, new: &NewLayer) -> Result<Referred<bool>, StoreError> {
         let (mut transaction, now) = self.write().await?;
         let inserted = submit(&mut transaction, new, now).await?;
         if matches!(inserted, Referred::Done(_)) {
@@ -229,14 +224,14 @@ pub(crate) async fn submit(
     connection: &mut Connection,
     new: &NewLayer,
     now: i64,
-) -> Result<Referred<Inserted>, StoreError> {
+) -> Result<Referred<bool>, StoreError> {
     if !connection.has_case(&new.case.to_string()).await? {
         return Err(StoreError::NoSuchCase);
     }
     let others = of_case(connection, &new.case).await?;
     let known = others.iter().find(|layer| layer.id == new.id);
     if known.is_some_and(|layer| layer.state != CaseState::Failed) {
-        return Ok(Referred::Unneeded(Inserted::Exists));
+        return Ok(Referred::Unneeded(false));
     }
     if known.is_none() && others.len() >= new.most {
         return Err(StoreError::TooManyLayers);
@@ -249,18 +244,16 @@ pub(crate) async fn submit(
         now,
     )
     .await?;
-    let inserted = if known.is_some() {
+    if known.is_some() {
         owners::queue_again(connection, new.owner(), &new.client, now).await?;
-        Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
         insert_row(connection, new, &name, now).await?;
-        Inserted::Created
-    };
+    }
     let made = Made::layer(&new.case, &new.id);
     made::make(connection, &made, &new.images).await?;
     match owners::refer(connection, new.owner(), &new.sources, now).await? {
-        true => Ok(Referred::Done(inserted)),
+        true => Ok(Referred::Done(true)),
         false => Ok(Referred::PinLost),
     }
 }

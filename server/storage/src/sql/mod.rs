@@ -8,7 +8,7 @@ pub(crate) mod cases;
 mod claims;
 pub(crate) mod connection;
 mod deletion;
-mod expiry;
+pub(crate) mod expiry;
 mod fence;
 mod findings;
 pub(crate) mod jobs;

@@ -1,6 +1,6 @@
 //! What cases and layers have in common: a state, a job that prepares them, the digest of their facts, their age, and the objects that they need.
 
-use case::{CaseId, CaseState, JobKind};
+use case::{CaseState, JobKind};
 
 use super::connection::{Connection, read_name};
 use super::{jobs, pins};
@@ -63,21 +63,6 @@ impl Store {
 /// The digest of facts, as it is stored beside them.
 pub(super) fn digest(facts: &str) -> String {
     blake3::hash(facts.as_bytes()).to_string()
-}
-
-/// Lets the age of a case count from now; whether it exists.
-pub(super) async fn uploaded_again(
-    connection: &mut Connection,
-    id: &CaseId,
-    now: i64,
-) -> Result<bool, StoreError> {
-    let changed = connection
-        .execute(
-            "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
-            args![now, id.to_string()],
-        )
-        .await?;
-    Ok(changed > 0)
 }
 
 /// The state of a case or a layer as it is written; `None` if there is none.

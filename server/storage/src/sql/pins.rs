@@ -39,20 +39,20 @@ impl Store {
             .await?;
         transaction.commit().await
     }
+}
 
-    /// Forgets who was writing objects when the rows were saved from which they were restored: what was written may have been
-    /// acknowledged since, and no sweep must remove it. A process that is writing now writes again. The pins of objects that are to be
-    /// removed stay.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn forget_writers(&self) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
-        transaction
-            .execute("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
-            .await?;
-        transaction.commit().await
-    }
+/// Forgets who was writing objects when the rows were saved from which they were restored: what was written may have been
+/// acknowledged since, and no sweep must remove it. A process that is writing now writes again. The pins of objects that are to be
+/// removed stay.
+///
+/// # Errors
+/// If the rows cannot be written.
+pub async fn forget_writers(store: &Store) -> Result<(), StoreError> {
+    let (mut transaction, _) = store.write().await?;
+    transaction
+        .execute("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
+        .await?;
+    transaction.commit().await
 }
 
 /// Pins objects that are there until the end of the transaction.

@@ -274,7 +274,7 @@ mod tests {
     use case::JobKind;
 
     use crate::conformance::Subject;
-    use crate::rows::{Inserted, Published, Referred};
+    use crate::rows::{Published, Referred};
     use crate::sql::Rows;
     use crate::sql::connection::Database;
     use crate::testing::postgres::PostgresServer;
@@ -356,10 +356,10 @@ mod tests {
             let store = &copies[number % copies.len()];
             async move {
                 let new = new_case(store, &number.to_string()).await;
-                assert_eq!(
+                assert!(matches!(
                     store.insert_case(&new).await.unwrap(),
-                    Referred::Done(Inserted::Created)
-                );
+                    Referred::Done(_)
+                ));
             }
         });
         join_all(inserting).await;

@@ -8,7 +8,7 @@ use case::JobKind;
 use case::{CaseId, ObjectKind, Parameters};
 
 use super::name;
-use crate::rows::{NewCase, Pinned};
+use crate::rows::{NewCase, Pinned, Relabel};
 #[cfg(test)]
 use crate::tables::jobs;
 #[cfg(test)]
@@ -36,6 +36,7 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
         parameters: Parameters::default(),
         previous: None,
         images: Some(Vec::new()),
+        relabel: Relabel::Any,
         sources: pinned(store, &[source]).await,
         queue_limit: 100,
         client: String::new(),
@@ -45,7 +46,11 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
 /// The number of jobs of a kind that wait for a lease.
 #[cfg(test)]
 pub(crate) async fn waiting(store: &Store, kind: JobKind) -> u64 {
-    let counts = store.row_counts().await.unwrap().by_state.into_iter();
+    let counts = crate::upkeep::row_counts(store)
+        .await
+        .unwrap()
+        .by_state
+        .into_iter();
     let mut jobs = counts.filter(|(what, ..)| what == "jobs");
     let waiting = jobs.find(|(_, of, state, _)| of == kind.name() && state == "queued");
     waiting.map_or(0, |(.., count)| count)

@@ -14,6 +14,7 @@ use case::{
 
 #[cfg(test)]
 pub(crate) use self::items::{claim, job, keep, new_case, pinned, rename, waiting};
+use super::upkeep::all_objects_of;
 use super::{CaseQuery, ObjectName, Store};
 
 /// The facts of a case, made up.
@@ -128,7 +129,7 @@ pub async fn assert_nothing_left_over(store: &Store, root: &Path) {
         .unwrap()
         .cases
     {
-        for name in store.all_objects_of(&case.id).await.unwrap() {
+        for name in all_objects_of(store, &case.id).await.unwrap() {
             needed.push(root.join("objects").join(name.path().as_ref()));
         }
     }

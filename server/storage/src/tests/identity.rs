@@ -317,7 +317,9 @@ async fn without_the_right_objects_a_store_writes_claims_and_removes_nothing() {
         let deleted = store.delete(&known).await.unwrap_err();
         assert!(is_refused(&deleted), "{deleted:?}");
         let name = crate::testing::name(ObjectKind::Volume, "unreferenced");
-        let swept = store.remove_unreferenced(&[name]).await.unwrap_err();
+        let swept = upkeep::remove_unreferenced(&store, &[name])
+            .await
+            .unwrap_err();
         assert!(is_refused(&swept), "{swept:?}");
         assert_eq!(state(&[&objects]), before);
         std::fs::remove_dir_all(&objects).unwrap();

@@ -1,7 +1,8 @@
 //! Inspections, and copies from one store into another.
 
 use super::*;
-use crate::{CopyStep, LayerName, LayerUpload, frame};
+use crate::upkeep::{Copied, CopyStep, Defect, Inspected};
+use crate::{LayerName, LayerUpload, frame};
 use case::{Failure, JobKind, LayerParameters};
 
 fn closer() -> Parameters {
@@ -42,7 +43,7 @@ fn file_of(directory: &TempDir, name: &ObjectName) -> std::path::PathBuf {
 
 async fn inspected(store: &Store) -> (Inspected, Vec<Defect>) {
     let mut findings = Vec::new();
-    let inspected = store.inspect(&mut |finding| findings.push(finding)).await;
+    let inspected = upkeep::inspect(&store, &mut |finding| findings.push(finding)).await;
     (inspected.unwrap(), findings)
 }
 
@@ -104,7 +105,7 @@ async fn an_inspection_turns_the_pages() {
             ..Parameters::default()
         };
         let upload = upload(&store, "volume", None).await;
-        store.submit(upload, parameters, None).await.unwrap();
+        store.submit(upload, parameters, None, false).await.unwrap();
     }
     let (inspected, findings) = inspected(&store).await;
     assert_eq!((inspected.cases, inspected.objects), (230, 460));
@@ -118,7 +119,7 @@ async fn copied(from: &Store, to: &Store) -> (Copied, Vec<(CaseId, bool)>) {
         CopyStep::Case(id) => reported.push((id, true)),
         CopyStep::LostCase(id) => reported.push((id, false)),
     };
-    let copied = from.copy_into(to, &mut report).await.unwrap();
+    let copied = upkeep::copy_into(from, to, &mut report).await.unwrap();
     (copied, reported)
 }
 
@@ -200,10 +201,10 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
         stray.name
     };
     let [old, _young] = [put("old", 8).await, put("young", 6).await];
-    let found = store.unreferenced().await.unwrap();
+    let found = upkeep::unreferenced(&store).await.unwrap();
     assert!(found.is_newer_than_rows, "there is no row");
     ready(&store, "volume").await;
-    let found = store.unreferenced().await.unwrap();
+    let found = upkeep::unreferenced(&store).await.unwrap();
     assert!(!found.is_newer_than_rows && found.is_much());
     assert_eq!(found.names, [old]);
     assert_eq!((found.old.objects, found.young.objects), (1, 1));
@@ -214,8 +215,13 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
         "nothing is left of the clock"
     );
     let newer = put("newer", 0).await;
-    assert!(store.unreferenced().await.unwrap().is_newer_than_rows);
-    store.remove_unreferenced(&[newer]).await.unwrap();
+    assert!(
+        upkeep::unreferenced(&store)
+            .await
+            .unwrap()
+            .is_newer_than_rows
+    );
+    upkeep::remove_unreferenced(&store, &[newer]).await.unwrap();
     for number in 0..20 {
         let volume = store.spools().of(format!("volume {number}").into()).await;
         let upload = Upload {
@@ -225,13 +231,13 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
             images: Vec::new(),
         };
         store
-            .submit(upload, Parameters::default(), None)
+            .submit(upload, Parameters::default(), None, false)
             .await
             .unwrap();
         let claimed = claim(&store).await.unwrap();
         assert!(store.finish(&claimed, Err(&failure())).await.unwrap());
     }
-    let found = store.unreferenced().await.unwrap();
+    let found = upkeep::unreferenced(&store).await.unwrap();
     assert!(!found.is_newer_than_rows && !found.is_much(), "{found:?}");
 }
 
@@ -305,7 +311,7 @@ async fn a_lost_manifest_is_written_again() {
     std::fs::remove_file(&manifests[0]).unwrap();
     std::fs::write(&manifests[1], b"damaged").unwrap();
     assert_eq!(inspected(&store).await.1.len(), 2);
-    store.restore_manifests(&case).await.unwrap();
+    upkeep::restore_manifests(&store, &case).await.unwrap();
     assert_eq!(inspected(&store).await.1, []);
     for (file, contents) in manifests.iter().zip(contents) {
         assert!(

@@ -70,7 +70,9 @@ async fn lost_attributes_are_an_error_and_not_a_case_without_any() {
         dicom: Some(store.spools().of("whose".into()).await.unwrap()),
         ..upload(&store, "volume", None).await
     };
-    let submitted = store.submit(dicom, Parameters::default(), None).await;
+    let submitted = store
+        .submit(dicom, Parameters::default(), None, false)
+        .await;
     let id = submitted.unwrap().case.id;
     let folder = directory.path().join("objects/source-dicom");
     let [file] = &files_below(&folder)[..] else {

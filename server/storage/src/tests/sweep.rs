@@ -4,6 +4,7 @@ use super::*;
 use crate::frame;
 use crate::rows::{NewCase, Referred};
 use crate::testing::{keep, name, pinned};
+use crate::upkeep::{Expired, Removal, Waiting};
 
 /// A store with rows in memory, on objects in a directory.
 async fn movable(directory: &TempDir) -> Store {
@@ -86,7 +87,7 @@ async fn only_what_is_still_unneeded_is_removed() {
     let [held, stray] = [put(&store, "held").await, put(&store, "stray").await];
     let _held = pinned(&store, &[held]).await;
     let names = [needed, held, stray];
-    store.remove_unreferenced(&names).await.unwrap();
+    upkeep::remove_unreferenced(&store, &names).await.unwrap();
     for (name, stays) in names.iter().zip([true, true, false]) {
         let read = store.objects().get(name).await;
         assert_eq!(read.is_ok(), stays, "{name}");
@@ -122,7 +123,7 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     store.on_delete(move |id| noted.lock().unwrap().push(*id));
 
     let removed = async |may_go: bool| {
-        let removed = store.remove_expired(Removal::Automatic, |_| async move { may_go });
+        let removed = upkeep::remove_expired(&store, Removal::Automatic, |_| async move { may_go });
         removed.await.unwrap()
     };
     assert_eq!(removed(true).await, Expired::default());
@@ -196,7 +197,7 @@ impl Kept {
 }
 
 async fn removed(store: &Store, removal: Removal) -> (usize, Option<Waiting>) {
-    let removed = store.remove_expired(removal, |_| async { true });
+    let removed = upkeep::remove_expired(&store, removal, |_| async { true });
     let Expired { removed, waiting } = removed.await.unwrap();
     (removed, waiting)
 }
@@ -209,14 +210,14 @@ async fn a_clock_that_is_far_ahead_removes_nothing_until_somebody_says_that_it_i
     let kept = Kept::new().await;
     kept.add(["a", "b", "c", "d", "e", "f"]).await;
     kept.pass(400 * DAY);
-    assert_eq!(kept.store.row_counts().await.unwrap().expired, 6);
+    assert_eq!(upkeep::row_counts(&kept.store).await.unwrap().expired, 6);
     let waits = (0, Some(Waiting::Clock));
     for removal in [Removal::Automatic, Removal::Asked, Removal::Automatic] {
         assert_eq!(kept.removed(removal).await, waits);
         kept.pass(HOUR);
     }
     assert_eq!(kept.removed(Removal::Confirmed).await, (6, None));
-    assert_eq!(kept.store.row_counts().await.unwrap().expired, 0);
+    assert_eq!(upkeep::row_counts(&kept.store).await.unwrap().expired, 0);
 }
 
 #[tokio::test]
@@ -238,7 +239,7 @@ async fn a_process_removes_nothing_by_itself_in_its_first_hour_and_a_person_may(
         kept.pass(5 * DAY);
         kept.removed(Removal::Automatic).await;
     }
-    assert_eq!(kept.store.row_counts().await.unwrap().expired, 0);
+    assert_eq!(upkeep::row_counts(&kept.store).await.unwrap().expired, 0);
 }
 
 #[tokio::test]
@@ -258,13 +259,13 @@ async fn twice_as_many_cases_go_in_a_day_as_came_on_one() {
     assert_eq!(kept.removed(Removal::Automatic).await, (6, None));
     // The others become too old at once: the clock is a few days ahead.
     kept.pass(5 * DAY);
-    assert_eq!(kept.store.row_counts().await.unwrap().expired, 18);
+    assert_eq!(upkeep::row_counts(&kept.store).await.unwrap().expired, 18);
     let waits = Some(Waiting::Day);
     assert_eq!(kept.removed(Removal::Automatic).await, (12, waits));
     for removal in [Removal::Automatic, Removal::Asked] {
         assert_eq!(kept.removed(removal).await, (0, waits));
     }
-    assert_eq!(kept.store.row_counts().await.unwrap().expired, 6);
+    assert_eq!(upkeep::row_counts(&kept.store).await.unwrap().expired, 6);
     kept.pass(DAY);
     assert_eq!(kept.removed(Removal::Automatic).await, (6, None));
 }
@@ -290,11 +291,13 @@ async fn what_was_being_written_when_the_rows_were_saved_is_not_removed_after_a_
     let source = put(&saved, "source").await;
     let held = pinned(&saved, &[source]).await;
     // Whoever wrote it is done since.
-    saved.forget_writers().await.unwrap();
+    upkeep::forget_writers(&saved).await.unwrap();
     saved.pass_time(Duration::from_secs(7200));
     saved.collect().await.unwrap();
     assert!(saved.objects().get(&source).await.is_ok());
-    let found = saved.unreferenced_of(ObjectKind::Volume).await.unwrap();
+    let found = upkeep::unreferenced_of(&saved, ObjectKind::Volume)
+        .await
+        .unwrap();
     assert_eq!(found, [source]);
     // A writer that is still at work notices that its pin is gone.
     let new = NewCase {

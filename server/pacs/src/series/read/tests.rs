@@ -3,11 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use crate::identity::Rejection;
 use bytes::Bytes;
 use case::Closed;
 use case::images::{Fingerprint, Image};
 use case::series::Uid;
-use cases::dicom::Rejection;
 use cases::testing::application;
 use proptest::prelude::*;
 use storage::Made;
@@ -268,12 +268,19 @@ impl World {
 
     fn pass(&mut self, by: Duration) {
         self.ahead += by;
-        self.store().pass_time(by);
+        self.arrivals.cases.store().pass_time(by);
     }
 
     async fn send(&mut self, name: ImageName, version: Version) {
         let file = contents(name, version);
-        let file = self.store().spools().of(file.into()).await.unwrap();
+        let file = self
+            .arrivals
+            .cases
+            .store()
+            .spools()
+            .of(file.into())
+            .await
+            .unwrap();
         let image = NewInstance {
             uids: uids(version.series),
             accession_number: None,
@@ -348,14 +355,27 @@ impl World {
             patience: Duration::ZERO,
         };
         self.store().queue_due_series(&terms).await.unwrap();
-        let Some(claim) = self.store().claim(SERIES, 1000).await.unwrap() else {
+        let Some(claim) = self
+            .arrivals
+            .cases
+            .store()
+            .claim(SERIES, 1000)
+            .await
+            .unwrap()
+        else {
             return false;
         };
         let due = self.store().series_to_read(&claim).await.unwrap().unwrap();
         let mut of = BTreeMap::new();
         for image in &due.images {
             let name = name_of(&image.uid);
-            let file = self.store().object(&image.object).await.unwrap();
+            let file = self
+                .arrivals
+                .cases
+                .store()
+                .object(&image.object)
+                .await
+                .unwrap();
             of.insert(name, version_of(name, &file));
         }
         if !of.is_empty() {
@@ -397,7 +417,14 @@ impl World {
     async fn upload(&mut self, of: usize, version: Version) {
         let all: BTreeMap<_, _> = (0..IMAGES).map(|number| ((of, number), version)).collect();
         self.describe(&all);
-        let directory = self.store().spools().directory().await.unwrap();
+        let directory = self
+            .arrivals
+            .cases
+            .store()
+            .spools()
+            .directory()
+            .await
+            .unwrap();
         let files = VolumeFiles::Dicom(directory);
         let read = self
             .arrivals
@@ -408,7 +435,7 @@ impl World {
         let submitted = self
             .arrivals
             .cases
-            .submit(upload, Parameters::default(), true)
+            .submit(upload, Parameters::default(), false)
             .await;
         let case = submitted.unwrap().case.id.to_string();
         self.made.entry(case.clone()).or_insert_with(|| all.clone());
@@ -422,7 +449,7 @@ impl World {
     }
 
     async fn images_of(&self, case: &CaseId, layer: &LayerId) -> Vec<Image> {
-        let mut connection = self.store().connect().await.unwrap();
+        let mut connection = self.arrivals.cases.store().connect().await.unwrap();
         let of = made::of(&mut connection, &Made::layer(case, layer)).await;
         of.unwrap()
     }
@@ -431,7 +458,7 @@ impl World {
         let number = self.results.len();
         let file = Bytes::from(format!("result {number}"));
         let (mut layers, mut made_of) = (Vec::new(), Vec::new());
-        for layer in self.store().layers(&case).await.unwrap() {
+        for layer in self.arrivals.cases.store().layers(&case).await.unwrap() {
             let of = self.images_of(&case, &layer.id).await;
             made_of.push(of.iter().map(known).collect());
             layers.push(layer.id);
@@ -455,7 +482,7 @@ impl World {
 
     /// Nothing closed is sent. Whether anything was.
     async fn take(&self) -> bool {
-        let Some(claim) = self.store().claim(SEND, 1000).await.unwrap() else {
+        let Some(claim) = self.arrivals.cases.store().claim(SEND, 1000).await.unwrap() else {
             return false;
         };
         let result = self.store().result(&claim.key).await.unwrap().unwrap();
@@ -465,7 +492,14 @@ impl World {
         for made_of in layers {
             assert_eq!(self.fold.closed(made_of), None, "it shows a closed layer");
         }
-        assert!(self.store().finish(&claim, Ok(())).await.unwrap());
+        assert!(
+            self.arrivals
+                .cases
+                .store()
+                .finish(&claim, Ok(()))
+                .await
+                .unwrap()
+        );
         true
     }
 
@@ -484,7 +518,7 @@ impl World {
                 }
             }
         }
-        self.store().delete(&case).await.unwrap();
+        self.arrivals.cases.store().delete(&case).await.unwrap();
         self.made.remove(&case.to_string());
     }
 
@@ -552,7 +586,14 @@ impl World {
             }
             Step::DeleteLayer { case } => {
                 if let Some(case) = self.case(*case)
-                    && let Some(layer) = self.store().layers(&case).await.unwrap().first()
+                    && let Some(layer) = self
+                        .arrivals
+                        .cases
+                        .store()
+                        .layers(&case)
+                        .await
+                        .unwrap()
+                        .first()
                 {
                     self.arrivals
                         .cases
@@ -563,7 +604,7 @@ impl World {
             }
             Step::Kill => {
                 self.arrivals = open(self.place.path(), self.folder.path()).await;
-                self.store().pass_time(self.ahead);
+                self.arrivals.cases.store().pass_time(self.ahead);
             }
             Step::Week => {
                 self.pass(Duration::from_secs(7 * 24 * 3600));
@@ -582,10 +623,16 @@ impl World {
     async fn check(&self) {
         for (case, made) in &self.made {
             let case = CaseId::parse(case).unwrap();
-            let held = self.store().case(&case).await.unwrap().unwrap();
+            let held = self
+                .arrivals
+                .cases
+                .store()
+                .case(&case)
+                .await
+                .unwrap()
+                .unwrap();
             assert_eq!(held.closed, self.fold.closed(made), "{case} of {made:?}");
-            assert_eq!(self.store().closed(&case).await.unwrap(), held.closed);
-            for layer in self.store().layers(&case).await.unwrap() {
+            for layer in self.arrivals.cases.store().layers(&case).await.unwrap() {
                 let of = self.images_of(&case, &layer.id).await;
                 let of = of.iter().map(known);
                 assert_eq!(layer.closed, self.fold.closed(&of.collect()));
@@ -597,7 +644,7 @@ impl World {
                 .iter()
                 .find(|(uid, _)| *uid == uid_of(*name))
                 .unwrap();
-            let file = self.store().object(object).await.unwrap();
+            let file = self.arrivals.cases.store().object(object).await.unwrap();
             assert_eq!(version_of(*name, &file), *version);
         }
     }

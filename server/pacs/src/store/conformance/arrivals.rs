@@ -3,10 +3,10 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
+use crate::identity::Rejection;
 use case::images::{Fingerprint, Image};
 use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Closed, Failure, ObjectKind};
-use cases::dicom::Rejection;
 use storage::tables::Referred;
 use storage::testing::failure;
 use storage::testing::steps::{self, delete_rows, insert_case, pinned, unneeded};
@@ -90,7 +90,7 @@ async fn receive(store: &PacsStore, images: &[NewInstance]) -> usize {
 
 async fn received(store: &PacsStore, images: &[NewInstance]) -> Vec<Reception> {
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
-    let pinned = pinned(store, &names).await;
+    let pinned = pinned(store.store(), &names).await;
     let source = ArrivalSource::Stow;
     match store.insert_images(images, &pinned, source).await.unwrap() {
         Referred::Done(received) => received,
@@ -101,7 +101,7 @@ async fn received(store: &PacsStore, images: &[NewInstance]) -> Vec<Reception> {
 /// Leases the job of a series that is due, and what it is to read.
 async fn due(store: &PacsStore) -> Option<(Claim, DueSeries)> {
     store.queue_due_series(&TERMS).await.unwrap();
-    let claim = store.claim(SERIES, 3).await.unwrap()?;
+    let claim = store.store().claim(SERIES, 3).await.unwrap()?;
     let due = store.series_to_read(&claim).await.unwrap();
     Some((claim, due.expect("the series is there")))
 }
@@ -121,20 +121,21 @@ async fn a_version_of(
     images: &[NewInstance],
     previous: Option<CaseId>,
 ) -> CaseId {
-    insert_case(store, contents, Some(made_of(images)), previous).await
+    insert_case(store.store(), contents, Some(made_of(images)), previous).await
 }
 
 async fn closed(store: &PacsStore, case: CaseId) -> Option<Closed> {
-    store.case(&case).await.unwrap().unwrap().closed
+    store.store().case(&case).await.unwrap().unwrap().closed
 }
 
 /// The objects of all images, read one by one.
 async fn listed(store: &PacsStore) -> HashSet<ObjectName> {
     let mut found = HashSet::new();
     let mut after = None;
-    while let [name] = steps::objects_of_tables(store, ObjectKind::Instance, after.as_ref(), 1)
-        .await
-        .unwrap()[..]
+    while let [name] =
+        steps::objects_of_tables(store.store(), ObjectKind::Instance, after.as_ref(), 1)
+            .await
+            .unwrap()[..]
     {
         assert!(found.insert(name), "each comes once");
         after = Some(name);
@@ -174,12 +175,12 @@ pub(crate) async fn an_image_is_received_once(subject: &Subject) {
     let number = SeriesQuery::AccessionNumber(AccessionNumber::parse("A1").unwrap());
     assert_eq!(store.arrivals_of(&number).await.unwrap(), arrivals);
     let both = [ObjectName::from(&image(1, 1)), ObjectName::from(&other)];
-    let unneeded = unneeded(store, &both).await.unwrap();
+    let unneeded = unneeded(store.store(), &both).await.unwrap();
     assert_eq!(unneeded, [], "the other contents still have a pin");
-    assert_eq!(steps::abandoned(store, 10).await.unwrap().len(), 2);
+    assert_eq!(steps::abandoned(store.store(), 10).await.unwrap().len(), 2);
     // Without pins nothing is received.
     let images = [image(3, 1)];
-    let mut lost = pinned(store, &[ObjectName::from(&images[0])]).await;
+    let mut lost = pinned(store.store(), &[ObjectName::from(&images[0])]).await;
     lost.holder = "another".to_owned();
     let received = store
         .insert_images(&images, &lost, ArrivalSource::Stow)
@@ -194,7 +195,7 @@ pub(crate) async fn a_case_is_closed_while_the_last_image_is_another_one(subject
     let uploaded = a_case_of(store, "uploaded", &[image(5, 1)]).await;
     receive(store, &images).await;
     subject.pass(21);
-    let first = insert_case(store, "a", Some(read_of(&images)), None).await;
+    let first = insert_case(store.store(), "a", Some(read_of(&images)), None).await;
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
     let other = corrected(image(1, 2), "corrected");
@@ -305,11 +306,13 @@ pub(crate) async fn an_unchanged_image_wakes_a_series_that_waits_for_it(subject:
 
 pub(crate) async fn what_replaces_a_closed_case_inherits_nothing(subject: &Subject) {
     let store = &subject.store;
-    let findings = async |case: CaseId| store.findings(&case).await.unwrap().document;
+    let findings = async |case: CaseId| store.store().findings(&case).await.unwrap().document;
     let images = [image(1, 1), image(1, 2)];
     let first = a_case_of(store, "a", &images[..1]).await;
-    let none = store.findings(&first).await.unwrap().version;
-    let marked = store.replace_findings(&first, none, "[1]".to_owned());
+    let none = store.store().findings(&first).await.unwrap().version;
+    let marked = store
+        .store()
+        .replace_findings(&first, none, "[1]".to_owned());
     marked.await.unwrap();
     let grown = a_version_of(store, "b", &images, Some(first)).await;
     assert_eq!(findings(grown).await, "[1]");
@@ -325,7 +328,7 @@ pub(crate) async fn what_replaces_a_closed_case_inherits_nothing(subject: &Subje
         (None, "[]".to_owned())
     );
     // A version with another mask is of the same images, and closed with them.
-    let masked = insert_case(store, "d", None, Some(first)).await;
+    let masked = insert_case(store.store(), "d", None, Some(first)).await;
     assert_eq!(closed(store, masked).await, Some(Closed::Corrected));
     assert_eq!(findings(masked).await, "[1]");
 }
@@ -485,7 +488,7 @@ pub(crate) async fn what_a_pacs_has_sent_is_known_for_a_year_and_while_something
     // A correction counts although the images before it are forgotten.
     received(store, &[corrected(image(1, 1), "corrected")]).await;
     assert_eq!(closed(store, case).await, Some(Closed::Corrected));
-    assert!(delete_rows(store, &case).await.unwrap());
+    assert!(delete_rows(store.store(), &case).await.unwrap());
     assert!(knows(&images[0]).await);
 }
 
@@ -513,7 +516,7 @@ pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subj
         counts: true,
         failure: None,
     };
-    assert!(store.release(&leased, &later).await.unwrap());
+    assert!(store.store().release(&leased, &later).await.unwrap());
     assert!(due(store).await.is_none());
     subject.pass(6);
     let (first, _) = due(store).await.expect("it is due again");
@@ -597,7 +600,7 @@ pub(crate) async fn a_late_image_fences_the_reader_off_and_makes_the_series_due_
     receive(store, &[image(2, 1)]).await;
     subject.pass(21);
     let (leased, _) = due(store).await.unwrap();
-    assert!(delete_rows(store, &case).await.unwrap());
+    assert!(delete_rows(store.store(), &case).await.unwrap());
     assert!(!store.settle(&leased, &Outcome::Case(case)).await.unwrap());
 }
 
@@ -642,7 +645,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     let case = a_case(store, "a").await;
     receive(store, &[image(1, 1), image(2, 1), image(3, 1)]).await;
     let objects = [1, 2, 3].map(|number| ObjectName::from(&image(number, 1)));
-    assert_eq!(unneeded(store, &objects).await.unwrap(), []);
+    assert_eq!(unneeded(store.store(), &objects).await.unwrap(), []);
     subject.pass(21);
     for outcome in [Outcome::Case(case), Outcome::Nothing(failure())] {
         let (leased, _) = due(store).await.unwrap();
@@ -666,7 +669,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
         store.forget(age).await.unwrap();
         store.arrivals_of(&study()).await.unwrap()
     };
-    assert!(delete_rows(store, &case).await.unwrap());
+    assert!(delete_rows(store.store(), &case).await.unwrap());
     assert_eq!(store.images_of(&uids(&of_case)).await.unwrap(), []);
     subject.pass(3600);
     assert_eq!(forget(7200).await.len(), 2);
@@ -685,7 +688,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     let lease = Duration::from_secs(60);
     // That of the forgotten series is gone already.
     assert_eq!(
-        steps::mark(store, &objects, "sweep", lease)
+        steps::mark(store.store(), &objects, "sweep", lease)
             .await
             .unwrap()
             .len(),
@@ -731,7 +734,7 @@ pub(crate) async fn images_that_have_changed_do_not_go_with_the_case_that_was_ma
     for number in 1..=4 {
         assert_eq!(of(number).await.case, None, "{number}");
     }
-    assert!(delete_rows(store, &case).await.unwrap());
+    assert!(delete_rows(store.store(), &case).await.unwrap());
     for (number, instances) in [(1, 2), (2, 2), (3, 1), (4, 2), (9, 1)] {
         assert_eq!(of(number).await.instances, instances, "{number}");
     }

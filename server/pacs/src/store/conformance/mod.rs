@@ -60,7 +60,7 @@ impl Subject {
     }
 
     pub(crate) fn pass(&self, seconds: u64) {
-        self.store.pass_time(Duration::from_secs(seconds));
+        self.store.store().pass_time(Duration::from_secs(seconds));
     }
 }
 

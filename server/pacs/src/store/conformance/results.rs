@@ -24,7 +24,7 @@ fn uid(text: &str) -> Uid {
 }
 
 async fn a_case(store: &PacsStore) -> CaseId {
-    insert_case(store, "a", Some(Vec::new()), None).await
+    insert_case(store.store(), "a", Some(Vec::new()), None).await
 }
 
 /// A result of a case of the study 1.2.3, to be sent to a node. Its contents are told apart by their digest alone.
@@ -47,18 +47,18 @@ pub(crate) fn new_result(case: CaseId, node: &str, contents: &str) -> NewResult 
 async fn a_layer_of(store: &PacsStore, case: CaseId, image: Image) -> LayerId {
     let upload = LayerUpload {
         case,
-        volume: store.spools().of("a layer".into()).await.unwrap(),
+        volume: store.store().spools().of("a layer".into()).await.unwrap(),
         dicom: None,
         images: vec![image],
         series: None,
         name: LayerName::Usual("a layer".to_owned()),
         parameters: LayerParameters::default(),
     };
-    store.submit_layer(upload).await.unwrap().layer.id
+    store.store().submit_layer(upload).await.unwrap().layer.id
 }
 
 pub(crate) async fn queue(store: &PacsStore, new: &NewResult) -> SentResult {
-    let pinned = pinned(store, &[new.object()]).await;
+    let pinned = pinned(store.store(), &[new.object()]).await;
     match store.insert_result(new, &pinned).await.unwrap() {
         Referred::Done(queued) => queued,
         other => panic!("{other:?}"),
@@ -66,7 +66,7 @@ pub(crate) async fn queue(store: &PacsStore, new: &NewResult) -> SentResult {
 }
 
 async fn claim(store: &PacsStore) -> Option<Claim> {
-    store.claim(SEND, 3).await.unwrap()
+    store.store().claim(SEND, 3).await.unwrap()
 }
 
 async fn state(store: &PacsStore, result: &SentResult) -> JobState {
@@ -89,14 +89,18 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
     let known = store.object_of_result(&uid("2.25.7")).await.unwrap();
     assert_eq!(known, Some(first.object));
     assert_eq!(store.object_of_result(&uid("2.25.8")).await.unwrap(), None);
-    let listed = async |kind| objects_of_tables(store, kind, None, 9).await.unwrap();
+    let listed = async |kind| {
+        objects_of_tables(store.store(), kind, None, 9)
+            .await
+            .unwrap()
+    };
     assert_eq!(listed(ObjectKind::Result).await, [first.object]);
     assert_eq!(listed(ObjectKind::Volume).await, []);
-    let gone = pinned(store, &[first.object]).await;
-    unpin(store, &gone).await.unwrap();
+    let gone = pinned(store.store(), &[first.object]).await;
+    unpin(store.store(), &gone).await.unwrap();
     let two = new_result(case, "pacs", "two").object();
     assert_eq!(
-        mark(store, &[first.object, two], "sweep", LEASE)
+        mark(store.store(), &[first.object, two], "sweep", LEASE)
             .await
             .unwrap(),
         [two]
@@ -105,7 +109,13 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
     let leased = claim(store).await.unwrap();
     assert_eq!((&leased.key, leased.attempt), (&first.id, 1));
     assert_eq!(state(store, &first).await, JobState::Running);
-    assert!(store.finish(&leased, Err(&failure())).await.unwrap());
+    assert!(
+        store
+            .store()
+            .finish(&leased, Err(&failure()))
+            .await
+            .unwrap()
+    );
     let seen = store.result(&first.id).await.unwrap().unwrap();
     let job = seen.job.unwrap();
     assert_eq!(
@@ -127,7 +137,7 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     let [one, other] = ["pacs", "other"].map(|node| new_result(case, node, "one"));
     let sent = queue(store, &one).await;
     let leased = claim(store).await.unwrap();
-    assert!(store.finish(&leased, Ok(())).await.unwrap());
+    assert!(store.store().finish(&leased, Ok(())).await.unwrap());
     queue(store, &other).await;
     // It is there once, though it goes to two nodes.
     let of_study = store.results_of(&uid("1.2.3")).await.unwrap();
@@ -141,16 +151,16 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     store.forget(Duration::from_secs(60)).await.unwrap();
     assert_eq!(store.result(&sent.id).await.unwrap(), None);
     // The other node still waits for the same object.
-    assert_eq!(unneeded(store, &objects).await.unwrap(), []);
-    delete_rows(store, &case).await.unwrap();
+    assert_eq!(unneeded(store.store(), &objects).await.unwrap(), []);
+    delete_rows(store.store(), &case).await.unwrap();
     assert_eq!(claim(store).await, None);
     subject.pass(1);
     assert_eq!(
-        mark(store, &objects, "sweep", LEASE).await.unwrap(),
+        mark(store.store(), &objects, "sweep", LEASE).await.unwrap(),
         objects
     );
     // A case that is gone gets no results.
-    let pinned = pinned(store, &[new_result(case, "pacs", "three").object()]).await;
+    let pinned = pinned(store.store(), &[new_result(case, "pacs", "three").object()]).await;
     let late = new_result(case, "pacs", "three");
     assert!(store.insert_result(&late, &pinned).await.is_err());
 }
@@ -211,7 +221,7 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
     let sent = queue(store, &of("pacs", vec![layer])).await;
     for _ in 0..2 {
         let leased = claim(store).await.unwrap();
-        assert!(store.finish(&leased, Ok(())).await.unwrap());
+        assert!(store.store().finish(&leased, Ok(())).await.unwrap());
     }
     let waiting = queue(store, &of("other", vec![layer])).await;
     let note = NewResult {
@@ -233,13 +243,13 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
     come(store, &image("another")).await;
     assert!(is_valid(&plain).await && !is_valid(&sent).await && !is_valid(&waiting).await);
     assert_eq!(
-        store.layers(&case).await.unwrap()[0].closed,
+        store.store().layers(&case).await.unwrap()[0].closed,
         Some(Closed::Corrected)
     );
     // It has failed for good when it would be sent; a rejection note leaves all the same.
     let leased = claim(store).await.unwrap();
     assert_eq!(leased.key, note.id);
-    assert!(store.finish(&leased, Ok(())).await.unwrap());
+    assert!(store.store().finish(&leased, Ok(())).await.unwrap());
     assert!(claim(store).await.is_none());
     let failed = store
         .result(&waiting.id)
@@ -253,17 +263,17 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
         (JobState::Failed, "closed")
     );
     // It is known of which images the layer was made, also when that is gone.
-    assert!(store.delete((&case, &layer)).await.unwrap());
+    assert!(store.store().delete((&case, &layer)).await.unwrap());
     assert!(!is_valid(&sent).await);
     let made = Made::result(&case, &sent.id);
-    let made_of = made::of(&mut store.connect().await.unwrap(), &made).await;
+    let made_of = made::of(&mut store.store().connect().await.unwrap(), &made).await;
     assert_eq!(made_of.unwrap(), [image("one")]);
     // What shows a layer that is gone by now is not queued.
     let late = NewResult {
         instance: uid("1.2.99"),
         ..of("late", vec![layer])
     };
-    let pinned = pinned(store, &[late.object()]).await;
+    let pinned = pinned(store.store(), &[late.object()]).await;
     let queued = store.insert_result(&late, &pinned).await;
     assert!(matches!(queued, Err(StoreError::NoSuchLayer)), "{queued:?}");
     come(store, &image("one")).await;
@@ -293,7 +303,7 @@ async fn come(store: &PacsStore, image: &Image) {
         label: None,
         fingerprint: Some(image.fingerprint.clone()),
     };
-    let pinned = pinned(store, &[ObjectName::from(&new)]).await;
+    let pinned = pinned(store.store(), &[ObjectName::from(&new)]).await;
     let images = [new];
     let received = store.insert_images(&images, &pinned, ArrivalSource::CStore);
     received.await.unwrap();

@@ -90,7 +90,7 @@ pub async fn create_case(
     if choice.is_some() && sent.options.form.is_some() && upload.mask.is_none() {
         return Err(not_of_dicom());
     }
-    let accepted = cases.submit(upload, sent.parameters, !sent.renames).await?;
+    let accepted = cases.submit(upload, sent.parameters, sent.renames).await?;
     Ok(submitted(accepted, choice))
 }
 

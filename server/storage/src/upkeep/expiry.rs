@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use case::CaseId;
 
-use super::{REMOVALS_AT_ONCE, Store, StoreError};
+use crate::{REMOVALS_AT_ONCE, Store, StoreError};
 
-/// How long a process removes nothing by itself.
+/// How long a process removes nothing by itstore.
 const FIRST_HOUR: Duration = Duration::from_secs(3600);
 
 /// The longest jump of the time that is believed, if cases are kept for less than twice as long.
@@ -22,7 +22,7 @@ const LEAST_A_DAY: u64 = 10;
 /// Who asks for the removal of what is too old.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Removal {
-    /// A server or a worker, by itself.
+    /// A server or a worker, by itstore.
     Automatic,
     /// A person.
     Asked,
@@ -96,68 +96,66 @@ pub(crate) fn believed_jump(keep: Duration) -> Duration {
     LEAST_JUMP.max(keep / 2)
 }
 
-impl Store {
-    /// Removes the cases whose age is [`Options::keep`](crate::Options::keep) or more, as [`Store::delete`] does, as far as they need not wait. A case that
-    /// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written; what was not removed is found the next time.
-    pub async fn remove_expired<MayGo>(
-        &self,
-        removal: Removal,
-        may_go: impl Fn(CaseId) -> MayGo + Send + Sync,
-    ) -> Result<Expired, StoreError>
-    where
-        MayGo: Future<Output = bool> + Send,
-    {
-        let Some(keep) = self.options().keep else {
-            return Ok(Expired::default());
-        };
-        self.id().await?;
-        // The time is noted in the first hour, too.
-        let allowance = self.allow_removals(keep, removal).await?;
-        let is_first_hour = removal == Removal::Automatic && self.uptime() < FIRST_HOUR;
-        let waiting = match allowance {
-            Allowance::None => Some(Waiting::Clock),
-            _ => is_first_hour.then_some(Waiting::FirstHour),
-        };
-        let mut expired = Expired::default();
-        if waiting.is_some() {
-            let is_any = !self.expired(keep, 1).await?.is_empty();
-            expired.waiting = waiting.filter(|_| is_any);
-            return Ok(expired);
-        }
-        loop {
-            let old = self.expired(keep, REMOVALS_AT_ONCE).await?;
-            let removed_before = expired.removed;
-            for id in &old {
-                // Before anybody notes that the case goes.
-                if !self.has_room_today(allowance).await? {
+/// Removes the cases whose age is [`Options::keep`](crate::Options::keep) or more, as [`Store::delete`] does, as far as they need not wait. A case that
+/// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
+///
+/// # Errors
+/// If the rows or the objects cannot be written; what was not removed is found the next time.
+pub async fn remove_expired<MayGo>(
+    store: &Store,
+    removal: Removal,
+    may_go: impl Fn(CaseId) -> MayGo + Send + Sync,
+) -> Result<Expired, StoreError>
+where
+    MayGo: Future<Output = bool> + Send,
+{
+    let Some(keep) = store.options().keep else {
+        return Ok(Expired::default());
+    };
+    store.id().await?;
+    // The time is noted in the first hour, too.
+    let allowance = store.allow_removals(keep, removal).await?;
+    let is_first_hour = removal == Removal::Automatic && store.uptime() < FIRST_HOUR;
+    let waiting = match allowance {
+        Allowance::None => Some(Waiting::Clock),
+        _ => is_first_hour.then_some(Waiting::FirstHour),
+    };
+    let mut expired = Expired::default();
+    if waiting.is_some() {
+        let is_any = !super::expired(store, keep, 1).await?.is_empty();
+        expired.waiting = waiting.filter(|_| is_any);
+        return Ok(expired);
+    }
+    loop {
+        let old = super::expired(store, keep, REMOVALS_AT_ONCE).await?;
+        let removed_before = expired.removed;
+        for id in &old {
+            // Before anybody notes that the case goes.
+            if !store.has_room_today(allowance).await? {
+                expired.waiting = Some(Waiting::Day);
+                break;
+            }
+            if !may_go(*id).await {
+                continue;
+            }
+            match store.delete_expired(id, keep, allowance).await? {
+                Some(true) => {
+                    store.inner.is_deleted(id);
+                    expired.removed += 1;
+                }
+                Some(false) => {}
+                None => {
                     expired.waiting = Some(Waiting::Day);
                     break;
                 }
-                if !may_go(*id).await {
-                    continue;
-                }
-                match self.delete_expired(id, keep, allowance).await? {
-                    Some(true) => {
-                        self.inner.is_deleted(id);
-                        expired.removed += 1;
-                    }
-                    Some(false) => {}
-                    None => {
-                        expired.waiting = Some(Waiting::Day);
-                        break;
-                    }
-                }
             }
-            if expired.removed > removed_before {
-                self.collect().await?;
-            }
-            let is_end = old.len() < REMOVALS_AT_ONCE || expired.removed == removed_before;
-            if is_end || expired.waiting.is_some() {
-                return Ok(expired);
-            }
+        }
+        if expired.removed > removed_before {
+            store.collect().await?;
+        }
+        let is_end = old.len() < REMOVALS_AT_ONCE || expired.removed == removed_before;
+        if is_end || expired.waiting.is_some() {
+            return Ok(expired);
         }
     }
 }

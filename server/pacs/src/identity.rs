@@ -1,0 +1,163 @@
+//! What an object of a PACS is and which series it belongs to.
+
+use case::images::Fingerprint;
+use case::series::{AccessionNumber, SeriesUids, Uid};
+use case::{Failure, Parameters};
+use cases::{Cases, Error};
+use imaging::dicom::Identity;
+use storage::Spooled;
+
+/// What a rejection note withdraws.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Rejection {
+    /// Whether an instance counts again when it comes again.
+    pub may_return: bool,
+    /// The instances of each series.
+    pub series: Vec<(SeriesUids, Vec<Uid>)>,
+}
+
+/// What an instance is and which series it belongs to.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct InstanceIdentity {
+    pub sop_class_uid: Uid,
+    pub sop_instance_uid: Uid,
+    pub uids: SeriesUids,
+    /// The accession number of its study.
+    pub accession_number: Option<AccessionNumber>,
+    /// What lists call its series.
+    pub label: Option<String>,
+    /// Whether it is an MR or CT image.
+    pub is_image: bool,
+    /// What it rejects, if it is a rejection note.
+    pub rejection: Option<Rejection>,
+    /// What it states and shows, if it is an image whose pixels can be decoded.
+    pub fingerprint: Option<Fingerprint>,
+}
+
+impl InstanceIdentity {
+    /// The same with other UIDs, and without accession number and label.
+    pub(crate) fn deidentified(self) -> Self {
+        let replaced = |uid: &Uid| {
+            let uid = imaging::dicom::replaced_uid(uid.as_str());
+            Uid::parse(&uid).expect("digits and points are a UID")
+        };
+        let replaced_series = |uids: &SeriesUids| SeriesUids {
+            study: replaced(&uids.study),
+            series: replaced(&uids.series),
+        };
+        let replaced_rejection = |rejection: Rejection| Rejection {
+            series: rejection
+                .series
+                .iter()
+                .map(|(uids, instances)| {
+                    let instances = instances.iter().map(replaced).collect();
+                    (replaced_series(uids), instances)
+                })
+                .collect(),
+            ..rejection
+        };
+        Self {
+            sop_instance_uid: replaced(&self.sop_instance_uid),
+            uids: replaced_series(&self.uids),
+            rejection: self.rejection.map(replaced_rejection),
+            accession_number: None,
+            label: None,
+            ..self
+        }
+    }
+
+    /// What the confined process says that a file is.
+    ///
+    /// # Errors
+    /// A [`Failure`] that states what is wrong with the file, or that its process died; [`Error::Busy`] if too many wait; or another
+    /// [`Error`] if the process cannot be started.
+    pub(crate) async fn read(cases: &Cases, file: &Spooled) -> Result<Self, Error> {
+        Self::checked(cases.headers.read(file).await?)
+    }
+
+    /// An answer that may be passed on.
+    pub(crate) fn checked(identity: Identity) -> Result<Self, Error> {
+        Self::of(identity).ok_or_else(|| bad_uid().into())
+    }
+
+    fn of(identity: Identity) -> Option<Self> {
+        Some(Self {
+            sop_class_uid: Uid::parse(&identity.sop_class_uid)?,
+            sop_instance_uid: Uid::parse(&identity.sop_instance_uid)?,
+            uids: SeriesUids {
+                study: Uid::parse(&identity.study_uid)?,
+                series: Uid::parse(&identity.series_uid)?,
+            },
+            accession_number: identity
+                .accession_number
+                .as_deref()
+                .and_then(AccessionNumber::parse),
+            label: identity
+                .label
+                .filter(|label| Parameters::check_name(label).is_ok()),
+            is_image: identity.is_image,
+            rejection: match &identity.rejection {
+                Some(rejection) => Some(checked_rejection(rejection)?),
+                None => None,
+            },
+            fingerprint: match identity.fingerprint {
+                Some(print) => Some(Fingerprint::new(
+                    &print.contents,
+                    print.is_lossy,
+                    print.corners_mm,
+                )?),
+                None => None,
+            },
+        })
+    }
+}
+
+fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection> {
+    let series = rejection.series.iter().map(|rejected| {
+        let uids = SeriesUids {
+            study: Uid::parse(&rejected.study_uid)?,
+            series: Uid::parse(&rejected.series_uid)?,
+        };
+        let instances = rejected.instance_uids.iter();
+        let instances = instances
+            .map(|uid| Uid::parse(uid))
+            .collect::<Option<_>>()?;
+        Some((uids, instances))
+    });
+    Some(Rejection {
+        may_return: rejection.may_return,
+        series: series.collect::<Option<_>>()?,
+    })
+}
+
+fn bad_uid() -> Failure {
+    Failure::unusable(
+        "dicom-damaged",
+        "a UID of the image is not made of digits and points, or has more than 64 of them; export the images with valid UIDs",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_uid_that_is_none_is_not_passed_on() {
+        let identity = |uid: &str| Identity {
+            sop_class_uid: "1.2".to_owned(),
+            sop_instance_uid: uid.to_owned(),
+            study_uid: "1.3".to_owned(),
+            series_uid: "1.4".to_owned(),
+            accession_number: None,
+            label: None,
+            is_image: true,
+            rejection: None,
+            fingerprint: None,
+        };
+        let read = InstanceIdentity::checked(identity("1.5")).unwrap();
+        assert_eq!(read.sop_instance_uid.as_str(), "1.5");
+        assert_eq!(read.uids.series.as_str(), "1.4");
+        let lie = InstanceIdentity::checked(identity("Somebody^Secret"));
+        assert!(matches!(lie, Err(Error::Failure(failure)) if failure.name == "dicom-damaged"));
+    }
+}
