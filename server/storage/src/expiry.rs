@@ -110,12 +110,15 @@ impl Store {
     where
         MayGo: Future<Output = bool> + Send,
     {
-        let Some(keep) = self.options().keep else {
+        self.id().await?;
+        let keep = self.options().keep;
+        // The time is noted in the first hour, and by those who remove nothing, too.
+        let allowance = self
+            .allow_removals(keep.unwrap_or_default(), removal)
+            .await?;
+        let Some(keep) = keep else {
             return Ok(Expired::default());
         };
-        self.id().await?;
-        // The time is noted in the first hour, too.
-        let allowance = self.allow_removals(keep, removal).await?;
         let is_first_hour = removal == Removal::Automatic && self.uptime() < FIRST_HOUR;
         let waiting = match allowance {
             Allowance::None => Some(Waiting::Clock),

@@ -516,7 +516,7 @@ fn is_list(request: &Request) -> bool {
 /// The status for an error of the application.
 fn status_of(error: &Error) -> Status {
     match error {
-        Error::StorageFull | Error::Busy | Error::Unavailable | Error::Mismatch(_) => {
+        Error::StorageFull | Error::Busy | Error::Unavailable | Error::StoreUnusable(_) => {
             Status::OutOfResources
         }
         Error::StorageFailed(cause) => {
