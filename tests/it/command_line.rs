@@ -84,9 +84,17 @@ fn layers_are_prepared_with_their_case_and_wrong_ones_are_named() {
 fn a_volume_and_its_case_look_the_same_and_wrong_values_are_named() {
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name).display().to_string();
-    let (head, data) = (path("head.nii"), path("data"));
+    let (head, data, objects) = (path("head.nii"), path("data"), path("objects"));
     std::fs::write(&head, plain_head().bytes()).unwrap();
-    let id = done(&["prepare", &head, "--data", &data]);
+    // As for a server.
+    let [rows, at] = [
+        format!("sqlite://{}", path("rows.sqlite")),
+        format!("file://{objects}"),
+    ];
+    let store = ["--data", &data, "--database", &rows, "--objects", &at];
+    let id = done(&[&["prepare", &head], &store[..]].concat());
+    assert!(std::fs::exists(path("rows.sqlite")).unwrap());
+    assert!(std::fs::read_dir(&objects).unwrap().count() > 1);
     let id = id.lines().next().unwrap().to_owned();
     let keys = [
         "--renderer",
@@ -98,8 +106,8 @@ fn a_volume_and_its_case_look_the_same_and_wrong_values_are_named() {
         "--height=96",
     ];
     let drawn = |input: &str, name: &str| {
-        let (output, first) = (path(name), ["render", input, "--data", &data, "-o"]);
-        done(&[&first[..], &[&output], &keys].concat());
+        let output = path(name);
+        done(&[&["render", input, "-o", &output], &store[..], &keys].concat());
         let file = std::fs::read(output).unwrap();
         image::load_from_memory(&file).unwrap().into_rgba8()
     };

@@ -69,9 +69,10 @@ pub enum Error {
     /// The server is stopping, or its store is unreachable.
     #[error("{STORE_AWAY}")]
     Unavailable,
-    /// The database and the objects do not belong to one store.
+    /// The database and the objects do not belong to one store, or the object store denies access, until somebody corrects that. The
+    /// sentence is the store's.
     #[error("{0}")]
-    Mismatch(storage::Mismatch),
+    StoreUnusable(String),
     /// The store is full.
     #[error("{FULL_STORE}")]
     StorageFull,
@@ -116,7 +117,7 @@ impl PublicError for Error {
             | Self::BusyFor(_)
             | Self::SourceMissing
             | Self::Unavailable
-            | Self::Mismatch(_) => ErrorKind::Unavailable,
+            | Self::StoreUnusable(_) => ErrorKind::Unavailable,
             Self::StorageFull | Self::StorageFailed(_) => ErrorKind::Full,
             Self::Store(_) | Self::Internal => ErrorKind::Internal,
         }
@@ -137,7 +138,7 @@ impl PublicError for Error {
             Self::Parameter { kind, .. } => kind,
             Self::Geometry(_) => "geometry",
             Self::Busy | Self::BusyFor(_) => "busy",
-            Self::Unavailable | Self::Mismatch(_) => "unavailable",
+            Self::Unavailable | Self::StoreUnusable(_) => "unavailable",
             Self::SourceMissing => SOURCE_MISSING,
             Self::StorageFull => "storage-full",
             Self::StorageFailed(_) => "storage-failed",
@@ -202,7 +203,9 @@ impl From<StoreError> for Error {
             StoreError::NoSuchLayer => Self::NoSuchLayer,
             StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
-            StoreError::Mismatch(found) => Self::Mismatch(found),
+            StoreError::Mismatch(_) | StoreError::AccessDenied(_) | StoreError::ClocksDiffer(_) => {
+                Self::StoreUnusable(error.to_string())
+            }
             full if full.is_full() => Self::StorageFull,
             failed if failed.is_unwritable() => Self::StorageFailed(failed),
             away if away.is_away() => {

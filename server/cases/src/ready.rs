@@ -13,7 +13,7 @@ const READY_WITHIN: Duration = Duration::from_secs(3);
 /// Checks that the store can be used and has room.
 ///
 /// # Errors
-/// [`Error::Unavailable`] if it does not answer in time, [`Error::Mismatch`], [`Error::StorageFull`] or [`Error::StorageFailed`].
+/// [`Error::Unavailable`] if it does not answer in time, [`Error::StoreUnusable`], [`Error::StorageFull`] or [`Error::StorageFailed`].
 pub async fn check_ready(store: &Store) -> Result<(), Error> {
     within(READY_WITHIN, store.check()).await
 }
@@ -21,7 +21,7 @@ pub async fn check_ready(store: &Store) -> Result<(), Error> {
 /// Checks that the objects answer and are those of the rows, before a body is received that could not be stored.
 ///
 /// # Errors
-/// [`Error::Unavailable`] if they do not, [`Error::Mismatch`].
+/// [`Error::Unavailable`] if they do not, [`Error::StoreUnusable`].
 pub async fn check_before_upload(store: &Store) -> Result<(), Error> {
     within(READY_WITHIN, store.id()).await.map(drop)
 }
@@ -48,7 +48,9 @@ async fn within<T>(
         tracing::warn!(%error, cause, "the store is not ready");
     }
     match Error::from(error) {
-        known @ (Error::StorageFull | Error::StorageFailed(_) | Error::Mismatch(_)) => Err(known),
+        known @ (Error::StorageFull | Error::StorageFailed(_) | Error::StoreUnusable(_)) => {
+            Err(known)
+        }
         _ => Err(Error::Unavailable),
     }
 }

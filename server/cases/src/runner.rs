@@ -118,7 +118,9 @@ impl From<StoreError> for Failed {
         );
         // Most messages of the store may contain paths.
         let detail = match &error {
-            StoreError::ClocksDiffer(_) | StoreError::Mismatch(_) => error.to_string(),
+            StoreError::ClocksDiffer(_) | StoreError::AccessDenied(_) | StoreError::Mismatch(_) => {
+                error.to_string()
+            }
             _ => "the store failed; the log of the server has the details".to_owned(),
         };
         Self::ForNow(Failure::new(FailureKind::Internal, STORE_FAILED, detail))

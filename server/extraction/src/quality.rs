@@ -278,9 +278,9 @@ impl Quality {
         }
     }
 
-    /// Whether the header and the stored values describe a head: whether the axes are perpendicular, and how many voxels within the
-    /// volume were no finite numbers.
-    pub fn judge_source(&mut self, volume_grid: &Grid, not_finite: u64) {
+    /// Whether the header and the stored values describe a head: whether the axes are perpendicular, and how many voxels inside the
+    /// envelope were no finite numbers.
+    pub fn judge_source(&mut self, volume_grid: &Grid, not_finite: usize) {
         let axes = volume_grid.patient_from_voxel().matrix3;
         let unit = [0, 1, 2].map(|axis| axes.col(axis).normalize());
         let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
@@ -294,7 +294,8 @@ impl Quality {
         });
         self.say(review_if(not_finite > 0), "voxels-not-finite", || {
             format!(
-                "{not_finite} voxels within the volume are not finite numbers and are shown as 0; do they lie in the brain?"
+                "{not_finite} voxels inside the brain are not finite numbers and are shown as 0; export the volume again, or set them to the \
+                 values that belong there"
             )
         });
     }
@@ -321,6 +322,7 @@ impl Quality {
             ..
         } = masked;
         self.contrast = contrast(volume, closed);
+        self.judge_contrast(LEAST_CONTRAST_OF_OTHERS);
         self.rim = rim(volume, closed);
         self.compare(masked, network)?;
         self.judge_opinion(network);
@@ -350,7 +352,7 @@ impl Quality {
         self.contrast = contrast(masked.volume, masked.closed);
         // Of a single value there is nothing more to say.
         if values >= LEAST_VALUES {
-            self.judge_contrast(LEAST_CONTRAST_OF_STRIPPED);
+            self.judge_contrast(LEAST_CONTRAST_OF_OTHERS);
             let rim = brightness_of_rim(masked.volume, masked.closed).unwrap_or_default();
             self.say(review_if((MOST_OF_RIM..1.0).contains(&rim)), "mask-tight", || {
                 "the brain begins with bright tissue, not with fluid; was more taken off than the skull? Depths count from where the zeros end, \
@@ -417,13 +419,15 @@ impl Quality {
             self.say(review_if(is_mixed), "slices-order", || {
                 format!(
                     "along its {name} axis, neighbouring slices of the volume differ {order:.2} times as much as slices two apart, but in a \
-                     sound head 0.5 to 0.7 times; are slices exchanged or mirrored? Convert the original images again"
+                     sound head 0.5 to 0.7 times. Slices that are exchanged or mirrored do so, and also large parts that are filled with fluid \
+                     or noise, or scattered bright voxels; compare the slices with the original images"
                 )
             });
             self.say(review_if(is_moved && !is_mixed), "slices-step", || {
                 format!(
                     "along its {name} axis, two neighbouring slices of the volume, at {:.0} % of the brain, differ {step:.1} times as much as \
-                     those around them; was a part of the head mirrored or moved? Convert the original images again",
+                     those around them. A part of the head that was mirrored or moved begins so, and also one that is filled with fluid, or \
+                     a slice with very bright voxels; compare the slices with the original images",
                     100.0 * step_at
                 )
             });
@@ -592,8 +596,9 @@ impl Quality {
 const LEAST_CONTRAST: f64 = 0.05;
 const LEAST_CONTRAST_OF_PRUNING: f64 = 0.1;
 
-/// The same of a skull-stripped volume, whose rim may lack the fluid: T2 and FLAIR, in which the cortex is brighter, have less.
-const LEAST_CONTRAST_OF_STRIPPED: f64 = 0.0;
+/// The same of a supplied mask, and of a skull-stripped volume, whose rim may lack the fluid: T2 and FLAIR, in which the cortex is
+/// brighter, and inverted volumes have less.
+const LEAST_CONTRAST_OF_OTHERS: f64 = 0.0;
 
 /// The doubt that follows from the contrast between inside and rim.
 fn doubt_of_contrast(contrast: Option<f64>, least: f64) -> Option<Doubt> {
@@ -601,7 +606,7 @@ fn doubt_of_contrast(contrast: Option<f64>, least: f64) -> Option<Doubt> {
         None => doubt(Verdict::Review, "mask-thin", || {
             "the mask is too thin to have an inside".to_owned()
         }),
-        Some(contrast) => doubt(review_if(contrast < least), "contrast-inverted", || {
+        Some(contrast) => doubt(review_if(contrast <= least), "contrast-inverted", || {
             "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?"
                 .to_owned()
         }),
@@ -688,7 +693,7 @@ fn symmetry(mask: &Mask, centre: DVec3) -> [f64; 3] {
 }
 
 /// How much brighter the inside of the brain is than its rim: the difference of medians, as a fraction of the range
-/// from the 5th to the 95th percentile of both. `None` if there is no inside.
+/// from the 5th to the 95th percentile of both; 0 if all are alike. `None` if there is no inside.
 fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
     let grid = distance.grid();
     let native_from_working = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
@@ -714,7 +719,10 @@ fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
     let difference = quantile(&mut inside, 0.5)? - quantile(&mut rim, 0.5)?;
     rim.append(&mut inside);
     let range = quantile(&mut rim, 0.95)? - quantile(&mut rim, 0.05)?;
-    (range > 0.0).then(|| f64::from(difference / range))
+    Some(match range > 0.0 {
+        true => f64::from(difference / range),
+        false => 0.0,
+    })
 }
 
 fn quantile(values: &mut [f32], fraction: f64) -> Option<f32> {
@@ -821,7 +829,7 @@ mod tests {
             );
             Grid::new([4, 4, 4], DAffine3::from_mat3(axes)).expect("a grid")
         };
-        let codes = |degrees: f64, not_finite: u64| {
+        let codes = |degrees: f64, not_finite: usize| {
             let mut quality = usual();
             quality.judge_source(&leaning(degrees), not_finite);
             let codes: Vec<_> = quality.reasons.iter().map(|reason| reason.code).collect();

@@ -72,6 +72,9 @@ const SURE_RIM: f64 = 0.92;
 /// The least gain of a flip by the fit of the border, without a network: masks that are too large or too small gain less.
 const LEAST_GAIN_OF_FLIP: f64 = 0.03;
 
+/// The least fit of the border of a mask that was flipped back: less fits nothing.
+const LEAST_FLIPPED_RIM: f64 = 0.5;
+
 /// The greatest distance between voxel centres of two grids that still coincide, in voxels.
 const SAME_PLACE: f64 = 0.05;
 
@@ -321,8 +324,9 @@ fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
     })
 }
 
+/// Of a head that is inverted, no flip of its mask fits.
 fn doubt_of_side(rim: Rim) -> Option<Doubt> {
-    let is_flipped = rim.flipped > rim.here + LEAST_GAIN_OF_FLIP;
+    let is_flipped = rim.flipped > (rim.here + LEAST_GAIN_OF_FLIP).max(LEAST_FLIPPED_RIM);
     doubt(review_if(is_flipped), "mask-flipped", flipped_sentence)
 }
 
@@ -340,17 +344,7 @@ fn doubt_of_grid(mask: &Grid, volume: &Grid) -> Option<Doubt> {
 
 /// The Dice coefficient of two sets on isotropic grids along the patient axes, at the voxels of the first.
 fn dice(a: &Mask, b: &Mask) -> f64 {
-    let b_from_a = b.grid().voxel_from_patient() * a.grid().patient_from_voxel();
-    let size = b.grid().size();
-    let is_in_b = |index: usize| {
-        let place = as_position(a.grid().voxel(index));
-        let place = b_from_a.transform_point3(place).round().to_array();
-        let is_inside = (0..3).all(|axis| (0.0..size[axis] as f64).contains(&place[axis]));
-        is_inside && b.voxels()[b.grid().index(place.map(|along| along as usize))]
-    };
-    let marked = (0..a.voxels().len()).filter(|&index| a.voxels()[index]);
-    let both = marked.filter(|&index| is_in_b(index)).count() as f64;
-    let both_ml = both * a.grid().spacing_mm()[0].powi(3) / 1000.0;
+    let both_ml = a.count_within(b) as f64 * a.grid().spacing_mm()[0].powi(3) / 1000.0;
     2.0 * both_ml / (a.volume_ml() + b.volume_ml())
 }
 

@@ -100,6 +100,20 @@ impl Mask {
         }
     }
 
+    /// How many voxels of the set have their centre in a voxel of another set, on any grid.
+    pub fn count_within(&self, other: &Self) -> usize {
+        let other_from_voxel = other.grid.voxel_from_patient() * self.grid.patient_from_voxel();
+        let size = other.grid.size();
+        let is_within = |index: usize| {
+            let centre = as_position(self.grid.voxel(index));
+            let place = other_from_voxel.transform_point3(centre).round().to_array();
+            let is_inside = (0..3).all(|axis| (0.0..size[axis] as f64).contains(&place[axis]));
+            is_inside && other.voxels[other.grid.index(place.map(|along| along as usize))]
+        };
+        let marked = (0..self.voxels.len()).filter(|&index| self.voxels[index]);
+        marked.filter(|&index| is_within(index)).count()
+    }
+
     /// The component (6-neighbourhood) with the most voxels of another set on the same grid; among equals, the first.
     /// Empty if none contains any.
     ///

@@ -77,16 +77,13 @@ impl InstanceIdentity {
 
     /// An answer that may be passed on.
     pub(crate) fn checked(identity: Identity) -> Result<Self, Error> {
-        Self::of(identity).ok_or_else(|| bad_uid().into())
-    }
-
-    fn of(identity: Identity) -> Option<Self> {
-        Some(Self {
-            sop_class_uid: Uid::parse(&identity.sop_class_uid)?,
-            sop_instance_uid: Uid::parse(&identity.sop_instance_uid)?,
+        let uid = |name, text: &str| Uid::parse(text).ok_or_else(|| bad_uid(name));
+        Ok(Self {
+            sop_class_uid: uid("SOP Class UID", &identity.sop_class_uid)?,
+            sop_instance_uid: uid("SOP Instance UID", &identity.sop_instance_uid)?,
             uids: SeriesUids {
-                study: Uid::parse(&identity.study_uid)?,
-                series: Uid::parse(&identity.series_uid)?,
+                study: uid("Study Instance UID", &identity.study_uid)?,
+                series: uid("Series Instance UID", &identity.series_uid)?,
             },
             accession_number: identity
                 .accession_number
@@ -96,18 +93,20 @@ impl InstanceIdentity {
                 .label
                 .filter(|label| Parameters::check_name(label).is_ok()),
             is_image: identity.is_image,
-            rejection: match &identity.rejection {
-                Some(rejection) => Some(checked_rejection(rejection)?),
-                None => None,
-            },
-            fingerprint: match identity.fingerprint {
-                Some(print) => Some(Fingerprint::new(
-                    &print.contents,
-                    print.is_lossy,
-                    print.corners_mm,
-                )?),
-                None => None,
-            },
+            rejection: (identity.rejection.as_ref())
+                .map(|rejection| {
+                    let checked = checked_rejection(rejection);
+                    checked.ok_or_else(|| bad_uid("list of UIDs"))
+                })
+                .transpose()?,
+            fingerprint: (identity.fingerprint)
+                .map(|print| {
+                    let checked =
+                        Fingerprint::new(&print.contents, print.is_lossy, print.corners_mm);
+                    let why = "what the image shows cannot be read";
+                    checked.ok_or_else(|| Failure::unusable("dicom-damaged", why))
+                })
+                .transpose()?,
         })
     }
 }
@@ -130,11 +129,11 @@ fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection>
     })
 }
 
-fn bad_uid() -> Failure {
-    Failure::unusable(
-        "dicom-damaged",
-        "a UID of the image is not made of digits and points, or has more than 64 of them; export the images with valid UIDs",
-    )
+fn bad_uid(name: &str) -> Failure {
+    let detail = format!(
+        "its {name} is no UID (up to 64 digits and points); export the images with valid UIDs"
+    );
+    Failure::unusable("dicom-damaged", detail)
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ pub mod node;
 mod node_tests;
 mod page;
 mod parts;
+mod refusal;
 mod rejections;
 mod rendered;
 mod results;

@@ -49,9 +49,16 @@ impl Found {
     }
 
     /// Adds to the rating what the source of the volume puts in doubt. A rebuilt case has the doubts of its first preparation.
-    pub(super) fn judge_source(&mut self, volume_grid: &Grid, replaced: Replaced) {
+    pub(super) fn judge_source(
+        &mut self,
+        envelope: &Envelope,
+        volume_grid: &Grid,
+        replaced: &Replaced,
+    ) {
         if let Verdict::Rated(_, rating) = &mut self.verdict {
-            rating.judge_source(volume_grid, replaced.enclosed);
+            let holes = replaced.enclosed.as_ref();
+            let inside = holes.map_or(0, |holes| holes.count_within(envelope.mask()));
+            rating.judge_source(volume_grid, inside);
         }
     }
 

@@ -46,7 +46,7 @@ type VolumeKey = (VoxelFacts, Grid);
 
 fn key_of(volume: &Volume) -> VolumeKey {
     (
-        voxel_facts(volume, Replaced::default()),
+        voxel_facts(volume, &Replaced::default()),
         volume.grid().clone(),
     )
 }

@@ -89,10 +89,10 @@ fn prepare(source: &Source, how: How<'_>, mut steps: Steps<'_>) -> Result<Prepar
     steps.begin(Stage::Reading)?;
     let (native, replaced) = read_sound_volume(source, how.limits)?;
     let mut found = find_brain(source, &native, how, &mut steps)?;
-    found.judge_source(native.grid(), replaced);
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
+    found.judge_source(closed.envelope(), native.grid(), &replaced);
     let quality = found.quality(closed.envelope(), native.grid());
     let volume = crop(&native, closed.envelope())?;
 
@@ -106,7 +106,7 @@ fn prepare(source: &Source, how: How<'_>, mut steps: Steps<'_>) -> Result<Prepar
     let mut facts = CaseFacts {
         quality: Some(quality),
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
-        ..facts_with(&built, &native, replaced)
+        ..facts_with(&built, &native, &replaced)
     };
     // Last, so that everything before belongs to a stage.
     facts.timings = steps.timings();
@@ -219,11 +219,11 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
 /// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres. `native` is the
 /// whole acquired volume.
 pub fn facts(built: &BuiltModel, native: &Volume) -> CaseFacts {
-    facts_with(built, native, Replaced::default())
+    facts_with(built, native, &Replaced::default())
 }
 
 /// As [`facts`], with the voxels of the acquired volume that were replaced when it was read.
-fn facts_with(built: &BuiltModel, native: &Volume, replaced: Replaced) -> CaseFacts {
+fn facts_with(built: &BuiltModel, native: &Volume, replaced: &Replaced) -> CaseFacts {
     let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
     let [intensity_min, intensity_max] = volume.intensity_range();

@@ -67,6 +67,41 @@ fn a_head_is_prepared_and_its_facts_are_those_of_its_parts() {
 }
 
 #[test]
+fn voxels_without_a_number_are_counted_everywhere_and_doubted_inside_the_brain_alone() {
+    let head = phantom();
+    let grid = head.volume.grid();
+    let [middle, last] = [2, 1].map(|part| grid.size().map(|side| side / part - 1));
+    let beside = last.map(|side| side - 1);
+    for (holes, inside) in [
+        (vec![[0; 3]], ""),
+        (vec![[1; 3], beside, [2, 1, 1]], ""),
+        (vec![[1; 3], middle], "1 voxels inside the brain"),
+    ] {
+        let mut numbers: Vec<f32> = head.volume.voxels().iter().map(|&it| it.into()).collect();
+        for &hole in &holes {
+            numbers[grid.index(hole)] = f32::INFINITY;
+        }
+        let source = Source {
+            volume: imaging::nifti::write_numbers(grid, &numbers)
+                .unwrap()
+                .into(),
+            ..upload(&head)
+        };
+        let facts = run(&source, &Parameters::default()).unwrap().facts;
+        let voxels = facts.voxels.unwrap();
+        assert_eq!(voxels.not_finite, holes.len() as u64);
+        let reasons = facts.quality.unwrap().reasons;
+        let mut sentences = reasons.iter().map(ToString::to_string);
+        let doubt = sentences.find(|sentence| sentence.contains("not finite"));
+        let doubt = doubt.unwrap_or_default();
+        assert!(
+            doubt.starts_with(inside) && doubt.is_empty() == inside.is_empty(),
+            "{doubt}"
+        );
+    }
+}
+
+#[test]
 fn the_timings_cover_all_of_a_preparation() {
     let head = upload(&phantom());
     // A busy machine may stop this thread between the two clocks, but hardly every time.

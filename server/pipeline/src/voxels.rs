@@ -6,7 +6,7 @@ use geometry::Volume;
 use imaging::nifti::Replaced;
 
 /// The values of a volume, and where they lie in the patient according to its header.
-pub(super) fn voxel_facts(volume: &Volume, replaced: Replaced) -> VoxelFacts {
+pub(super) fn voxel_facts(volume: &Volume, replaced: &Replaced) -> VoxelFacts {
     let size = volume.grid().size();
     let mut histogram = vec![0u64; 1 << 16];
     let mut planes = size.map(|side| vec![0u64; side]);
@@ -76,7 +76,7 @@ mod tests {
     }
 
     fn facts(volume: &Volume) -> VoxelFacts {
-        voxel_facts(volume, Replaced::default())
+        voxel_facts(volume, &Replaced::default())
     }
 
     #[test]

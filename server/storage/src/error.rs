@@ -93,6 +93,12 @@ pub enum StoreError {
         "the object store refuses the requests of this machine because their clocks differ; set the clock of this machine"
     )]
     ClocksDiffer(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// The object store does not accept the credentials of this machine, or they do not permit what was asked.
+    #[error(
+        "the object store denies access to this machine; check the key and the secret in the file of its credentials, and that they may read \
+         and write the bucket"
+    )]
+    AccessDenied(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The objects cannot be read or written.
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -157,12 +163,14 @@ impl StoreError {
         is_unwritable && !self.is_full()
     }
 
-    /// What is behind it, such as "Connection refused"; the error itself, if it has no source. For the log: it may name addresses and
-    /// files.
+    /// What is behind it, such as "Connection refused"; the error itself, if it has no source. Of an answer of S3, its code. For the log: it
+    /// may name addresses and files.
     pub fn cause(&self) -> String {
-        self.reasons()
-            .last()
-            .map_or_else(String::new, ToString::to_string)
+        let last = self.reasons().last();
+        let cause = last.map_or_else(String::new, ToString::to_string);
+        let code = cause.split_once("<Code>");
+        let code = code.and_then(|(_, rest)| rest.split_once("</Code>"));
+        code.map_or(cause.clone(), |(code, _)| code.to_owned())
     }
 
     /// This error and its sources.
@@ -186,7 +194,11 @@ impl PublicError for StoreError {
         match self {
             Self::NoSuchCase | Self::NoSuchLayer => PublicKind::NotFound,
             Self::LayerNameTaken => PublicKind::Conflict,
-            Self::QueueFull(_) | Self::SourceMissing | Self::Mismatch(_) => PublicKind::Unavailable,
+            Self::QueueFull(_)
+            | Self::SourceMissing
+            | Self::Mismatch(_)
+            | Self::AccessDenied(_)
+            | Self::ClocksDiffer(_) => PublicKind::Unavailable,
             full if full.is_full() || full.is_unwritable() => PublicKind::Full,
             away if away.is_away() => PublicKind::Unavailable,
             _ => PublicKind::Internal,
@@ -200,7 +212,7 @@ impl PublicError for StoreError {
             Self::LayerNameTaken => "layer-name-taken",
             Self::QueueFull(_) => "busy",
             Self::SourceMissing => SOURCE_MISSING,
-            Self::Mismatch(_) => "unavailable",
+            Self::Mismatch(_) | Self::AccessDenied(_) | Self::ClocksDiffer(_) => "unavailable",
             full if full.is_full() => "storage-full",
             failed if failed.is_unwritable() => "storage-failed",
             away if away.is_away() => "unavailable",
@@ -211,9 +223,12 @@ impl PublicError for StoreError {
 
     fn sentence(&self) -> String {
         match self {
-            Self::NoSuchCase | Self::NoSuchLayer | Self::SourceMissing | Self::Mismatch(_) => {
-                self.to_string()
-            }
+            Self::NoSuchCase
+            | Self::NoSuchLayer
+            | Self::SourceMissing
+            | Self::Mismatch(_)
+            | Self::AccessDenied(_)
+            | Self::ClocksDiffer(_) => self.to_string(),
             Self::LayerNameTaken => format!("{self}; choose another name"),
             Self::QueueFull(wait) => {
                 let seconds = wait.as_secs_f64().ceil().max(1.0);
@@ -246,6 +261,18 @@ impl PublicError for StoreError {
 fn has_text(error: &(dyn Error + 'static), text: &str) -> bool {
     std::iter::successors(Some(error), |&error| error.source())
         .any(|error| error.to_string().contains(text))
+}
+
+/// Whether a bucket has answered with the status 401 or 403.
+fn is_denied(error: &(dyn Error + 'static)) -> bool {
+    let error = error.downcast_ref::<object_store::Error>();
+    error.is_some_and(|error| {
+        matches!(
+            error,
+            object_store::Error::PermissionDenied { .. }
+                | object_store::Error::Unauthenticated { .. }
+        )
+    })
 }
 
 /// Whether a database reported one of these codes.
@@ -304,6 +331,7 @@ impl From<ObjectError> for StoreError {
             ObjectError::Store(source) if has_text(&*source, CLOCKS_DIFFER) => {
                 Self::ClocksDiffer(source)
             }
+            ObjectError::Store(source) if is_denied(&*source) => Self::AccessDenied(source),
             ObjectError::Store(source) => Self::Objects(source),
             ObjectError::Disk(source) => Self::Disk(source),
             ObjectError::Stopped(source) => Self::Stopped(source),

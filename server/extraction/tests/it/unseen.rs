@@ -258,6 +258,45 @@ fn a_mask_is_doubted_if_the_network_finds_no_brain_to_compare_it_with() {
 }
 
 #[test]
+fn an_inverted_head_and_a_ball_are_doubted_with_their_own_mask_and_the_mask_is_not_said_to_be_flipped()
+ {
+    for (name, volume, brain) in heads() {
+        let most = f64::from(*volume.voxels().iter().max().expect("voxels"));
+        let grid = volume.grid();
+        let is_brain = |voxel: [usize; 3]| {
+            let working = brain.mask().grid();
+            let centre = DVec3::from_array(voxel.map(|place| place as f64));
+            let there = grid.patient_from_voxel().transform_point3(centre);
+            let there = working.voxel_from_patient().transform_point3(there).round();
+            let is_within = working.contains(there);
+            is_within
+                && brain.mask().voxels()[working.index(there.to_array().map(|at| at as usize))]
+        };
+        let spoiled = [
+            with_values(&volume, |stored, _| most - f64::from(stored)),
+            with_values(&volume, |stored, voxel| match is_brain(voxel) {
+                true => most - f64::from(stored),
+                false => f64::from(stored),
+            }),
+            with_values(&volume, |_, voxel| match is_brain(voxel) {
+                true => most,
+                false => 0.0,
+            }),
+        ];
+        for opinion in [Opinion::NotAsked, Opinion::Uncertain] {
+            let rating = |volume| codes(&rated(volume, brain.mask(), Origin::Supplied(opinion)));
+            assert!(!rating(&volume).contains(&"contrast-inverted"), "{name}");
+            for volume in &spoiled {
+                let codes = rating(volume);
+                println!("{name}: {codes:?}");
+                assert!(codes.contains(&"contrast-inverted"), "{name}: {codes:?}");
+                assert!(!codes.contains(&"mask-flipped"), "{name}: {codes:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_brain_that_fades_out_or_ends_in_noise_is_doubted_and_a_sound_one_is_not() {
     for (name, volume, brain) in heads() {
         let is_doubted = |volume: &Volume, mask: &Mask| {

@@ -1,6 +1,6 @@
 //! Converts voxels of any type to 16 bits.
 
-use geometry::{Grid, Rescale, Volume};
+use geometry::{Grid, Mask, Rescale, Volume};
 
 use crate::{ImagingError, Limits};
 
@@ -33,12 +33,12 @@ pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError
 }
 
 /// The voxels of a file whose values were replaced.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Replaced {
     /// Those that are NaN or infinite, and became 0.
     pub not_finite: u64,
-    /// Those among them that are not connected with a face of the volume by others of their kind.
-    pub enclosed: u64,
+    /// Those among them that are not connected with a face of the volume by others of their kind; `None` if none became 0.
+    pub enclosed: Option<Mask>,
     /// Those that lie far beyond all others, and became the end of the range.
     pub clipped: u64,
 }
@@ -189,7 +189,7 @@ fn read_wide<T: Element>(file: &mut NiftiFile) -> Result<Stored, ImagingError> {
         ..Replaced::default()
     };
     if range.non_finite > 0 {
-        replaced.enclosed = enclosed::<T>(&chunks, order, file.header.size);
+        replaced.enclosed = Some(enclosed::<T>(&chunks, order, &file.grid)?);
     }
     let ends = range.ends();
     let (voxels, steps) = if range.whole && ends[1].is_within_16_bits_of(ends[0]) {
@@ -231,8 +231,13 @@ fn sample<T: Element>(chunks: &[Vec<u8>], order: ByteOrder) -> Vec<f64> {
     sample
 }
 
-/// How many of the values that are not finite are not connected with a face of the volume by others.
-fn enclosed<T: Element>(chunks: &[Vec<u8>], order: ByteOrder, size: [usize; 3]) -> u64 {
+/// Those of the values that are not finite that are not connected with a face of the volume by others.
+fn enclosed<T: Element>(
+    chunks: &[Vec<u8>],
+    order: ByteOrder,
+    grid: &Grid,
+) -> Result<Mask, ImagingError> {
+    let size = grid.size();
     let mut is_left = Vec::new();
     for chunk in chunks {
         for_each(chunk, order, |value: T| {
@@ -260,7 +265,7 @@ fn enclosed<T: Element>(chunks: &[Vec<u8>], order: ByteOrder, size: [usize; 3]) 
             }
         }
     }
-    is_left.into_iter().filter(|&is_left| is_left).count() as u64
+    Ok(Mask::new(grid.clone(), is_left)?)
 }
 
 /// The value, or zero in place of one that is not finite.

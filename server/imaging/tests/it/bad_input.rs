@@ -163,6 +163,11 @@ fn scalings_that_are_none_are_refused() {
     assert_eq!(kind_of(&tiny.bytes()), "nifti-intensity-range");
 }
 
+fn enclosed(replaced: &nifti::Replaced) -> usize {
+    let mask = replaced.enclosed.as_ref().unwrap();
+    mask.voxels().iter().filter(|&&is_marked| is_marked).count()
+}
+
 #[test]
 fn voxels_that_are_no_numbers_become_0_and_are_counted() {
     for datatype in [F32, F64] {
@@ -173,7 +178,7 @@ fn voxels_that_are_no_numbers_become_0_and_are_counted() {
             values[23] = f64::NEG_INFINITY;
             let bytes = Nifti::of(datatype, &values, 1, true).bytes();
             let (volume, replaced) = nifti::read_counted(&bytes, &Limits::default()).unwrap();
-            assert_eq!((replaced.not_finite, replaced.enclosed), (3, 0));
+            assert_eq!((replaced.not_finite, enclosed(&replaced)), (3, 0));
             for (found, value) in intensities(&volume).into_iter().zip(values) {
                 let expected = if value.is_finite() { value } else { 0.0 };
                 assert!((found - expected).abs() < 1e-3, "{found} for {expected}");
@@ -207,7 +212,7 @@ fn voxels_without_a_number_within_the_others_are_told_from_those_around_them() {
             .collect();
         let (_, replaced) = nifti::read_counted(&file.bytes(), &Limits::default()).unwrap();
         assert_eq!(replaced.not_finite, holes.len() as u64);
-        assert_eq!(replaced.enclosed, enclosed, "{holes:?}");
+        assert_eq!(self::enclosed(&replaced), enclosed, "{holes:?}");
     }
 }
 

@@ -33,6 +33,7 @@ use clap::CommandFactory as _;
 use clap::{Args, Parser, Subcommand};
 
 use self::status::{CliError, ExitStatus};
+use crate::config::Config;
 use case::{MaskKind, MaskSource, Parameters};
 use cases::dicom::{Form, SeriesName};
 use imaging::START_BYTES;
@@ -63,7 +64,7 @@ Exit status:
   70  internal error
   73  the output cannot be written
   74  the store or its disk failed
-  78  invalid configuration, or there is no store at the address, or the objects of another one";
+  78  invalid configuration, or there is no store at the address, or the objects of another one, or its bucket denies access";
 
 /// What `isocortex` alone prints.
 const FIRST_WORDS: &str = "\
@@ -170,8 +171,9 @@ struct VolumeOptions {
 
 impl VolumeOptions {
     /// What prepares it.
-    fn pipeline(&self) -> Result<Pipeline, CliError> {
-        let extractor = Extractor::open(self.network.as_deref());
+    fn pipeline(&self, config: &Config) -> Result<Pipeline, CliError> {
+        let network = self.network.as_ref().or(config.prepare.network.as_ref());
+        let extractor = Extractor::open(network.map(PathBuf::as_path));
         let extractor = extractor.map_err(|error| CliError::new(ExitStatus::NoInput, error))?;
         Ok(Pipeline::new(extractor))
     }

@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use imaging::sniff;
 
+use super::common::StoreArgs;
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
@@ -29,9 +30,8 @@ pub(super) struct PrepareArgs {
     volume: PathBuf,
     #[command(flatten)]
     options: VolumeOptions,
-    /// The directory of the store. [default: isocortex-data]
-    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    store: StoreArgs,
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
@@ -41,19 +41,19 @@ pub(super) struct PrepareArgs {
 
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
+    let config = args.store.config()?;
+    let location = config.location()?;
     let (source, images) = super::block_on(source(&args.volume, &args.options))?;
     let parameters = args.options.parameters(args.name.clone())?;
-    let pipeline = args.options.pipeline()?;
+    let pipeline = args.options.pipeline(&config)?;
     let layers = args.layers.layers()?;
     super::keep_files_private();
-    let data = args.data.clone();
-    let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
     super::block_on(async {
         let options = storage::Options {
             opening: Opening::OrMake,
             ..store_options()
         };
-        let store = Store::open(&data, options).await?;
+        let store = Store::open(location, options).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
         into_store(library, source, images, parameters, layers).await
     })

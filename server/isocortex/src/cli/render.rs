@@ -12,6 +12,7 @@ use http::{query, sent};
 use render::choice::Renderer;
 use storage::Store;
 
+use super::common::StoreArgs;
 use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, check_output, choices, write_output};
@@ -27,9 +28,8 @@ pub(super) struct RenderArgs {
     input: PathBuf,
     #[command(flatten)]
     options: VolumeOptions,
-    /// The directory of the store, for a case. [default: isocortex-data]
-    #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
-    data: Option<PathBuf>,
+    #[command(flatten)]
+    store: StoreArgs,
     /// The PNG file to write.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
@@ -117,6 +117,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         return Err(CliError::new(ExitStatus::Usage, message));
     }
     check_output(&args.output)?;
+    let config = args.store.config()?;
     let png = super::block_on(async {
         // Splatting needs no GPU.
         let use_of = match picture.asked.renderer {
@@ -126,8 +127,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         let layers = picture.asked.layers();
         let named = case_id(&args.input);
         let (store, id) = match named {
-            Some(id) => (open(args).await?, id),
-            None => prepared(args).await?,
+            Some(id) => (Store::open(config.location()?, store_options()).await?, id),
+            None => prepared(args, &config).await?,
         };
         let library_options = LibraryOptions {
             makes_maps: layers.is_any(),
@@ -163,19 +164,12 @@ fn case_id(input: &Path) -> Option<CaseId> {
     (!input.exists()).then_some(id)
 }
 
-/// The store with the case.
-async fn open(args: &RenderArgs) -> Result<Store, CliError> {
-    let data = args.data.clone();
-    let data = data.unwrap_or_else(|| Config::default().storage.data);
-    Ok(Store::open(&data, store_options()).await?)
-}
-
 /// The case of a volume, in a store in memory.
-async fn prepared(args: &RenderArgs) -> Result<(Store, CaseId), CliError> {
+async fn prepared(args: &RenderArgs, config: &Config) -> Result<(Store, CaseId), CliError> {
     let (source, _) = source(&args.input, &args.options).await?;
     let parameters = args.options.parameters(None)?;
     let store = Store::in_memory(storage::Options::default()).await?;
-    let pipeline = args.options.pipeline()?;
+    let pipeline = args.options.pipeline(config)?;
     let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
     let workers = start_workers(library.clone(), 1);
     let id = library.submit(source, parameters).await?.case.id;

@@ -75,12 +75,17 @@ impl From<StoreError> for CliError {
     fn from(error: StoreError) -> Self {
         let status = match error {
             StoreError::QueueFull(_) => ExitStatus::Unavailable,
-            StoreError::NoStore(_) | StoreError::Mismatch(_) | StoreError::OtherUser(_) => {
-                ExitStatus::Config
-            }
+            StoreError::NoStore(_)
+            | StoreError::Mismatch(_)
+            | StoreError::OtherUser(_)
+            | StoreError::AccessDenied(_) => ExitStatus::Config,
             _ => ExitStatus::InputOutput,
         };
-        let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
+        let cause = std::error::Error::source(&error).map(|cause| match &error {
+            StoreError::AccessDenied(_) | StoreError::ClocksDiffer(_) => error.cause(),
+            _ => cause.to_string(),
+        });
+        let cause = cause.map(|cause| format!(": {cause}"));
         Self::new(status, format!("{error}{}", cause.unwrap_or_default()))
     }
 }
@@ -124,7 +129,7 @@ impl From<Error> for CliError {
             Error::Store(_) | Error::StorageFailed(_) | Error::SourceMissing => {
                 ExitStatus::InputOutput
             }
-            Error::Mismatch(_) => ExitStatus::Config,
+            Error::StoreUnusable(_) => ExitStatus::Config,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
         };
         Self::new(status, error)

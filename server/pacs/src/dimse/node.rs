@@ -415,7 +415,7 @@ mod tests {
                     return data_set;
                 };
                 if is_data && value.is_last {
-                    let response = Request::parse(&command).unwrap().response(status);
+                    let response = Request::parse(&command).unwrap().response(&Ok(status));
                     let parts = fragments(&response, PDataValueType::Command, CONTEXT, 64);
                     for part in parts {
                         wire.send(&Pdu::PData { data: vec![part] }).await.unwrap();

@@ -212,16 +212,18 @@ fn silent(elapsed: tokio::time::error::Elapsed) -> HttpError {
 mod tests {
     use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 
+    use case::PublicError as _;
+
     use crate::StoreError;
 
     use super::*;
 
-    #[tokio::test]
-    async fn a_bucket_that_refuses_our_clock_is_told_from_one_that_is_away() {
+    /// The error of a request that a bucket answers with the status 403 and a code.
+    async fn refused_with(code: &str) -> StoreError {
         let bucket = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = bucket.local_addr().unwrap();
         let refuse = async {
-            let reason = "<Error><Code>RequestTimeTooSkewed</Code></Error>";
+            let reason = format!("<Error><Code>{code}</Code><RequestId>7</RequestId></Error>");
             let length = reason.len();
             let head =
                 "HTTP/1.1 403 Forbidden\r\nconnection: close\r\ncontent-type: application/xml";
@@ -244,10 +246,30 @@ mod tests {
         let variables = variables.map(|(name, value)| (name.to_owned(), value));
         let objects = Objects::in_bucket_with("heads", "", &variables.into()).unwrap();
         let (checked, ()) = tokio::join!(objects.label(), refuse);
-        let error = StoreError::from(checked.unwrap_err());
-        assert!(matches!(error, StoreError::ClocksDiffer(_)), "{error:?}");
-        assert!(error.is_away());
-        assert!(error.to_string().contains("set the clock"), "{error}");
+        checked.unwrap_err().into()
+    }
+
+    #[tokio::test]
+    async fn a_bucket_that_refuses_our_clock_or_our_signature_is_told_from_one_that_is_away() {
+        let clock = refused_with("RequestTimeTooSkewed").await;
+        assert!(matches!(clock, StoreError::ClocksDiffer(_)), "{clock:?}");
+        assert!(clock.is_away(), "a clock is often set a little later");
+        for code in [
+            "SignatureDoesNotMatch",
+            "InvalidAccessKeyId",
+            "AccessDenied",
+        ] {
+            let denied = refused_with(code).await;
+            assert!(matches!(denied, StoreError::AccessDenied(_)), "{denied:?}");
+            assert!(!denied.is_away());
+            assert_eq!(denied.cause(), code);
+            let sentence = denied.sentence();
+            assert!(
+                sentence.contains("check the key and the secret"),
+                "{sentence}"
+            );
+            assert!(!sentence.contains("heads"), "{sentence}");
+        }
     }
 
     #[test]

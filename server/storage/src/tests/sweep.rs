@@ -221,6 +221,26 @@ async fn a_clock_that_is_far_ahead_removes_nothing_until_somebody_says_that_it_i
 }
 
 #[tokio::test]
+async fn what_a_wrong_clock_has_written_does_not_make_it_right() {
+    for is_seen_before in [true, false] {
+        let kept = Kept::new().await;
+        let (rows, objects) = (kept.rows.clone(), kept.objects.clone());
+        let removes_nothing = Store::on(rows, objects, Options::default()).await.unwrap();
+        let look = async || removed(&removes_nothing, Removal::Automatic).await;
+        kept.add(["a", "b", "c", "d", "e", "f"]).await;
+        if is_seen_before {
+            assert_eq!(look().await, (0, None));
+        }
+        kept.pass(400 * DAY);
+        assert_eq!(look().await, (0, None));
+        kept.add(["g", "h", "i", "j", "k", "l"]).await;
+        let waits = (0, Some(Waiting::Clock));
+        assert_eq!(kept.removed(Removal::Asked).await, waits);
+        assert_eq!(kept.removed(Removal::Confirmed).await, (6, None));
+    }
+}
+
+#[tokio::test]
 async fn a_process_removes_nothing_by_itself_in_its_first_hour_and_a_person_may() {
     let kept = Kept::new().await;
     kept.add(["a", "b", "c", "d", "e", "f"]).await;

@@ -109,12 +109,15 @@ pub async fn remove_expired<MayGo>(
 where
     MayGo: Future<Output = bool> + Send,
 {
-    let Some(keep) = store.options().keep else {
+    store.id().await?;
+    let keep = store.options().keep;
+    // The time is noted in the first hour, and by those who remove nothing, too.
+    let allowance = store
+        .allow_removals(keep.unwrap_or_default(), removal)
+        .await?;
+    let Some(keep) = keep else {
         return Ok(Expired::default());
     };
-    store.id().await?;
-    // The time is noted in the first hour, too.
-    let allowance = store.allow_removals(keep, removal).await?;
     let is_first_hour = removal == Removal::Automatic && store.uptime() < FIRST_HOUR;
     let waiting = match allowance {
         Allowance::None => Some(Waiting::Clock),
