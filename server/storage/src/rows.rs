@@ -104,6 +104,14 @@ impl Owner {
         Some(Self { case, layer })
     }
 
+    /// Its columns in tables of both: the case, and the layer or nothing.
+    pub(crate) fn columns(&self) -> [String; 2] {
+        let layer = self
+            .layer
+            .map_or_else(String::new, |layer| layer.to_string());
+        [self.case.to_string(), layer]
+    }
+
     pub(crate) fn key(&self) -> String {
         match &self.layer {
             None => self.case.to_string(),

@@ -195,13 +195,8 @@ impl Store {
         objects: &Pinned,
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let state = match case.state.is_final() {
-            true => case.state,
-            false => CaseState::Queued,
-        };
-        let facts = case.facts.as_ref().map(serde_json::to_string);
-        let (facts, failure) = (facts.transpose()?, case.failure.as_ref());
-        let failure = failure.map(serde_json::to_string).transpose()?;
+        let (state, [failure, facts, digest]) =
+            owners::copied(case.state, case.failure.as_ref(), case.facts.as_ref())?;
         let written = transaction
             .execute(
                 "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
@@ -215,7 +210,7 @@ impl Store {
                 args![
                     case.id.to_string(), case.parameters.closing_radius_mm,
                     without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure,
-                    facts.as_deref(), facts.as_deref().map(owners::digest),
+                    facts, digest,
                     case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
                     case.uploaded_at.as_microsecond(), case.kept,
                     case.previous.map(|id| id.to_string()),

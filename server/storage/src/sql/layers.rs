@@ -131,7 +131,7 @@ impl Store {
             return Ok(Referred::PinLost);
         }
         let facts = serde_json::to_string(facts)?;
-        let [case, layer] = columns(owner);
+        let [case, layer] = owner.columns();
         transaction
             .execute(
                 "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
@@ -151,13 +151,8 @@ impl Store {
         objects: &Pinned,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let state = match layer.state.is_final() {
-            true => layer.state,
-            false => CaseState::Queued,
-        };
-        let facts = layer.facts.as_ref().map(serde_json::to_string);
-        let (facts, failure) = (facts.transpose()?, layer.failure.as_ref());
-        let failure = failure.map(serde_json::to_string).transpose()?;
+        let (state, [failure, facts, digest]) =
+            owners::copied(layer.state, layer.failure.as_ref(), layer.facts.as_ref())?;
         let others = of_case(&mut transaction, &layer.case).await?;
         let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
         transaction
@@ -168,8 +163,8 @@ impl Store {
                                                          facts = excluded.facts, facts_digest = excluded.facts_digest",
                 args![
                     layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(),
-                    serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(),
-                    facts.as_deref().map(owners::digest), layer.created_at.as_microsecond(),
+                    serde_json::to_string(&layer.parameters)?, state.name(), failure, facts,
+                    digest, layer.created_at.as_microsecond(),
                     series.map(Uid::as_str),
                 ],
             )
@@ -371,7 +366,7 @@ pub(super) async fn make_failed(
 ) -> Result<(), StoreError> {
     let needed = owners::objects(connection, owner).await?;
     pins::abandon(connection, needed, now).await?;
-    let [case, layer] = columns(owner);
+    let [case, layer] = owner.columns();
     connection
         .execute(
             "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2",
@@ -418,7 +413,7 @@ async fn forget_facts(
     let mut maps = owners::objects(connection, owner).await?;
     maps.retain(|name| name.kind == ObjectKind::Maps);
     pins::abandon(connection, maps, now).await?;
-    let [case, layer] = columns(owner);
+    let [case, layer] = owner.columns();
     connection
         .execute(
             "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'",
@@ -432,12 +427,6 @@ async fn forget_facts(
         )
         .await?;
     owners::queue_again(connection, owner, "", now).await
-}
-
-/// The columns that name a layer.
-fn columns(Owner { case, layer }: Owner) -> [String; 2] {
-    let layer = layer.map_or_else(String::new, |layer| layer.to_string());
-    [case.to_string(), layer]
 }
 
 fn unreadable(what: &str) -> StoreError {

@@ -1,6 +1,7 @@
 //! What cases and layers have in common: a state, a job that prepares them, the digest of their facts, their age, and the objects that they need.
 
-use case::{CaseState, JobKind};
+use case::{CaseState, Failure, JobKind};
+use serde::Serialize;
 
 use super::connection::{Connection, read_name};
 use super::{jobs, pins};
@@ -60,6 +61,22 @@ impl Store {
     }
 }
 
+/// The columns `state`, `failure`, `facts` and `facts_digest` of a case or a layer that is copied: what has not ended is queued.
+pub(super) fn copied(
+    state: CaseState,
+    failure: Option<&Failure>,
+    facts: Option<&impl Serialize>,
+) -> Result<(CaseState, [Option<String>; 3]), StoreError> {
+    let state = match state.is_final() {
+        true => state,
+        false => CaseState::Queued,
+    };
+    let failure = failure.map(serde_json::to_string).transpose()?;
+    let facts = facts.map(serde_json::to_string).transpose()?;
+    let digest = facts.as_deref().map(digest);
+    Ok((state, [failure, facts, digest]))
+}
+
 /// The digest of facts, as it is stored beside them.
 pub(super) fn digest(facts: &str) -> String {
     blake3::hash(facts.as_bytes()).to_string()
@@ -70,18 +87,15 @@ pub(super) async fn state(
     connection: &mut Connection,
     owner: Owner,
 ) -> Result<Option<CaseState>, StoreError> {
-    let case = owner.case.to_string();
-    let row = match owner.layer {
-        None => connection.fetch_optional(
-            "SELECT state, NULL AS job_state FROM cases WHERE id = $1",
-            args![case],
-        ),
-        Some(layer) => connection.fetch_optional(
-            "SELECT state, NULL AS job_state FROM layers WHERE case_id = $1 AND id = $2",
-            args![case, layer.to_string()],
-        ),
-    };
-    Ok(row.await?.as_ref().and_then(jobs::read_state))
+    let [case, layer] = owner.columns();
+    let row = connection
+        .fetch_optional(
+            "SELECT state, NULL AS job_state FROM cases WHERE id = $1 AND $2 = ''
+             UNION ALL SELECT state, NULL FROM layers WHERE case_id = $1 AND id = $2",
+            args![case, layer],
+        )
+        .await?;
+    Ok(row.as_ref().and_then(jobs::read_state))
 }
 
 /// Queues the preparation of a case or a layer that is there.
@@ -113,18 +127,15 @@ pub(super) async fn objects(
     connection: &mut Connection,
     owner: Owner,
 ) -> Result<Vec<ObjectName>, StoreError> {
-    let case = owner.case.to_string();
-    let rows = match owner.layer {
-        None => connection.fetch_all(
-            "SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind",
-            args![case],
-        ),
-        Some(layer) => connection.fetch_all(
-            "SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind",
-            args![case, layer.to_string()],
-        ),
-    };
-    rows.await?.iter().map(read_name).collect()
+    let [case, layer] = owner.columns();
+    let rows = connection
+        .fetch_all(
+            "SELECT kind, digest FROM case_objects WHERE case_id = $1 AND $2 = ''
+             UNION ALL SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind",
+            args![case, layer],
+        )
+        .await?;
+    rows.iter().map(read_name).collect()
 }
 
 /// Turns pins into references; `false` if a pin is gone. Objects that are no longer needed are abandoned.
