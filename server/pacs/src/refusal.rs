@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 use case::PublicError as _;
 use cases::Error;
 
-use crate::dimse::Status;
 use crate::values::ArrivalSource;
 
 /// The most characters of an Error Comment (0000,0902), which is a long string (LO).
@@ -17,6 +16,21 @@ const MOST_REASONS: usize = 10;
 
 /// What the log says of the objects beyond these.
 const OTHER_REASONS: &str = "other reasons";
+
+/// A status (PS3.7 C, PS3.4 B.2.3); the Failure Reason of STOW-RS, too (PS3.18 table I.2-2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Status {
+    Success = 0x0000,
+    /// A warning: coercion of data elements.
+    Corrected = 0xB000,
+    OutOfResources = 0xA700,
+    DataSetDoesNotMatch = 0xA900,
+    CannotUnderstand = 0xC000,
+    ProcessingFailure = 0x0110,
+    ClassNotSupported = 0x0122,
+    NotAuthorized = 0x0124,
+    UnrecognisedOperation = 0x0211,
+}
 
 /// Why an object is not stored: its status, and a sentence.
 #[derive(Debug, Clone, PartialEq, Eq)]

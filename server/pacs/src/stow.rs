@@ -14,11 +14,10 @@ use serde_json::{Value, json};
 use storage::Spooled;
 
 use crate::address::StudyPath;
-use crate::dimse::Status;
 use crate::identity::InstanceIdentity;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
-use crate::refusal::{Refusal, Refusals, error_comment};
+use crate::refusal::{Refusal, Refusals, Status, error_comment};
 use crate::state::Pacs;
 use crate::values::{ArrivalSource, Reception};
 use http::fresh::fresh_json;
@@ -251,7 +250,9 @@ impl Images<'_> {
         }
         // What came before a note came before it.
         self.flush().await?;
-        let (arrivals, source, by) = (self.pacs.arrivals(), ArrivalSource::Stow, &self.holder.name);
+        let arrivals = self.pacs.arrivals();
+        let source = ArrivalSource::Stow;
+        let by = &self.holder.name;
         let reference = identity.clone();
         let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
         if identity.rejection.is_some() && !may_reject {

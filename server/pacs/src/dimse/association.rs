@@ -11,7 +11,7 @@ use imaging::dicom::IMAGE_CLASSES;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
 
-use crate::dimse::command::{self, Request, Status};
+use crate::dimse::command::{self, Request};
 use crate::dimse::counts::{AssociationCounts, Rejection};
 use crate::dimse::head::file_head;
 use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
@@ -19,7 +19,7 @@ use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 use crate::identity::InstanceIdentity;
-use crate::refusal::{Refusal, Refusals};
+use crate::refusal::{Refusal, Refusals, Status};
 use crate::series::Arrivals;
 use crate::store::REJECTION_NOTE;
 use crate::values::{ArrivalSource, Reception};

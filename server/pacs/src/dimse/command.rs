@@ -1,6 +1,6 @@
 //! Command sets (PS3.7 §6.3): a few short elements in implicit little endian.
 
-use crate::refusal::{Refusal, error_comment};
+use crate::refusal::{Refusal, Status, error_comment};
 
 /// Verification (PS3.4 A).
 pub(crate) const VERIFICATION: &str = "1.2.840.10008.1.1";
@@ -45,21 +45,6 @@ pub(crate) enum Request {
         command_field: u16,
         has_data_set: bool,
     },
-}
-
-/// A status (PS3.7 C, PS3.4 B.2.3); the Failure Reason of STOW-RS, too (PS3.18 table I.2-2).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Status {
-    Success = 0x0000,
-    /// A warning: coercion of data elements.
-    Corrected = 0xB000,
-    OutOfResources = 0xA700,
-    DataSetDoesNotMatch = 0xA900,
-    CannotUnderstand = 0xC000,
-    ProcessingFailure = 0x0110,
-    ClassNotSupported = 0x0122,
-    NotAuthorized = 0x0124,
-    UnrecognisedOperation = 0x0211,
 }
 
 impl Request {

@@ -15,7 +15,6 @@ mod outcome;
 mod peers;
 mod wire;
 
-pub(crate) use self::command::Status;
 pub use self::counts::{AssociationCounts, Rejection};
 pub use self::listen::serve;
 pub use self::node::{BadStorageNode, StorageNode};

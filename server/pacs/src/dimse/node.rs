@@ -283,7 +283,8 @@ mod tests {
     use std::borrow::Cow;
 
     use super::*;
-    use crate::dimse::command::{Request, Status};
+    use crate::dimse::command::Request;
+    use crate::refusal::Status;
     use dicom_ul::pdu::{
         AssociationRJ, AssociationRJResult, AssociationRJServiceProviderPresentationReason,
         AssociationRJServiceUserReason, AssociationRJSource, AssociationRQ,
