@@ -1,6 +1,9 @@
 //! The report as PDF: its contents laid out on pages that A4 and Letter hold, without a browser.
 //!
 //! Pictures keep their compressed pixels, marks and letters are drawn over them, and the same report gives the same bytes.
+//!
+//! `krilla` was tried in place of `pdf-writer` and this module's files: it is as deterministic and embeds 27 kB less of the font, but it
+//! compresses pixels again without the filters of PNG (43 kB for a slice of 29 kB) and brings 16 more crates; the layout stays ours.
 
 mod deflate;
 mod paper;
