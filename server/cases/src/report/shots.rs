@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use ::report::{DEPTHS_MM, FindingPictures, Overview, Shot, Shows, Through};
 use case::findings::{Finding, FindingKind};
-use case::{CaseFacts, CaseId, MapName, SurfaceName};
+use case::{CaseFacts, CaseId, MapName, SphereFacts, SurfaceName};
 use glam::{DMat3, DQuat, DVec3};
 use pipeline::maps::mirror_plane;
 use render::{NamedView, Projection, SlicePlane, edge_letters};
@@ -117,6 +117,8 @@ struct Seen {
     depth_mm: f32,
     /// From where it faces the viewer.
     orientation: DQuat,
+    /// The spheres around that surface and the mirrored one.
+    spheres: [SphereFacts; 2],
 }
 
 /// How a finding is seen.
@@ -135,6 +137,7 @@ async fn seen(
         surface: SurfaceName::Whole,
         depth_mm: finding.depth_mm as f32,
         orientation: facing(at - centre),
+        spheres: [facts.envelope_sphere; 2],
     };
     let surface = surface_of(facts, finding);
     let leftwards = mirror_plane(facts).normal();
@@ -151,10 +154,12 @@ async fn seen(
     if depth_mm < 0.0 {
         return Ok(outside);
     }
+    let opposite = cases.surface(id, surface.mirrored()).await?;
     Ok(Seen {
         surface,
         depth_mm,
         orientation: facing(outwards),
+        spheres: [&model, &opposite].map(|half| half.facts().envelope_sphere),
     })
 }
 
@@ -206,12 +211,12 @@ fn cut_and_mirror(facts: &CaseFacts, finding: &Finding, seen: &Seen) -> [Picture
     let [own, other] = orientations(facts, seen.orientation);
     let at = DVec3::from_array(finding.middle_in_patient());
     let opposite = mirror_plane(facts).reflected(at);
+    let [sphere, mirrored] = &seen.spheres;
     let cuts = [
-        (own, at, seen.surface),
-        (other, opposite, seen.surface.mirrored()),
+        (own, at, seen.surface, sphere),
+        (other, opposite, seen.surface.mirrored(), mirrored),
     ];
-    cuts.map(|(orientation, at, surface)| {
-        let sphere = &facts.envelope_sphere;
+    cuts.map(|(orientation, at, surface, sphere)| {
         let centre = DVec3::from_array(sphere.center_in_patient);
         let offset = orientation * (at - centre);
         PictureRequest {
@@ -425,6 +430,7 @@ mod tests {
             surface: SurfaceName::Whole,
             depth_mm: finding.depth_mm as f32,
             orientation: facing(DVec3::from_array(finding.middle_in_patient()) - centre),
+            spheres: [facts.envelope_sphere; 2],
         }
     }
 
@@ -439,15 +445,16 @@ mod tests {
     }
 
     /// The projections of the picture of a finding and of the other side.
-    fn projections(facts: &CaseFacts, finding: &Finding) -> [Projection; 2] {
-        let sphere = BoundingSphere {
-            centre_in_patient: DVec3::from_array(facts.envelope_sphere.center_in_patient),
-            radius_mm: facts.envelope_sphere.radius_mm,
-        };
+    fn projections(facts: &CaseFacts, finding: &Finding, seen: &Seen) -> [Projection; 2] {
         let size = FrameSize::new(CUT_SIDE, CUT_SIDE).unwrap();
-        cut_and_mirror(facts, finding, &outside(facts, finding)).map(|cut| {
-            let checked = cut.checked().unwrap();
-            checked.camera().projection(&sphere, size)
+        let [own, other] = cut_and_mirror(facts, finding, seen);
+        let [sphere, mirrored] = seen.spheres;
+        [(own, sphere), (other, mirrored)].map(|(cut, sphere)| {
+            let sphere = BoundingSphere {
+                centre_in_patient: DVec3::from_array(sphere.center_in_patient),
+                radius_mm: sphere.radius_mm,
+            };
+            cut.checked().unwrap().camera().projection(&sphere, size)
         })
     }
 
@@ -466,7 +473,7 @@ mod tests {
         let facts = facts();
         for at in [[60.0, -5.0, 30.0], [-55.0, 20.0, 35.0], [10.0, 5.0, 110.0]] {
             let finding = finding(at);
-            let [own, other] = projections(&facts, &finding);
+            let [own, other] = projections(&facts, &finding, &outside(&facts, &finding));
             let (here, there) = (
                 shot(&facts, &finding, &own, false),
                 shot(&facts, &finding, &other, true),
@@ -480,6 +487,24 @@ mod tests {
             assert!(there.is_flipped && !here.is_flipped);
             // Nothing was measured on the other side.
             assert_eq!([here.outline.len(), there.outline.len()], [2, 0]);
+        }
+    }
+
+    #[test]
+    fn a_finding_on_an_inner_side_is_in_the_middle_though_each_half_has_its_own_sphere() {
+        let (facts, finding) = (facts(), finding([8.0, -5.0, 30.0]));
+        let mut seen = outside(&facts, &finding);
+        seen.surface = SurfaceName::Left;
+        let [sphere, mirrored] = &mut seen.spheres;
+        (sphere.center_in_patient, sphere.radius_mm) = ([30.0, -4.0, 25.0], 80.0);
+        (mirrored.center_in_patient, mirrored.radius_mm) = ([-28.0, -6.0, 22.0], 82.0);
+        let [own, other] = projections(&facts, &finding, &seen);
+        for (projection, is_flipped) in [(&own, false), (&other, true)] {
+            let shot = shot(&facts, &finding, projection, is_flipped);
+            let middle = f64::from(CUT_SIDE) / 2.0;
+            let [x, y] = shot.mark.unwrap();
+            assert!((x - middle).hypot(y - middle) < 1e-6, "{x}, {y}");
+            assert!((shot.pixels_per_mm - f64::from(CUT_SIDE) / CUT_MM).abs() < 1e-9);
         }
     }
 
@@ -498,7 +523,7 @@ mod tests {
             lies,
             SlicePlane::ALL.map(|plane| plane == SlicePlane::Axial)
         );
-        let [own, _] = projections(&facts, &finding);
+        let [own, _] = projections(&facts, &finding, &outside(&facts, &finding));
         assert_eq!(shot(&facts, &finding, &own, false).outline, [[0.0; 2]; 0]);
         finding.kind = FindingKind::Trajectory;
         assert_eq!(shot(&facts, &finding, &own, false).outline.len(), 2);
@@ -516,7 +541,7 @@ mod tests {
             ([2.0, -5.0, 110.0], ["LRAP", "RLAP"]),
         ] {
             let finding = finding(at);
-            let [own, other] = projections(&facts, &finding);
+            let [own, other] = projections(&facts, &finding, &outside(&facts, &finding));
             let letters = [(own, false), (other, true)].map(|(projection, is_flipped)| {
                 let letters = shot(&facts, &finding, &projection, is_flipped).directions;
                 letters.concat()

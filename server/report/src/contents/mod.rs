@@ -246,7 +246,7 @@ fn caveat(words: &Words, map: &ListedMap) -> Option<Block<'static>> {
 fn place_of(words: &Words, finding: &Finding) -> String {
     let gyrus = finding
         .gyrus
-        .map(|gyrus| format!(" {}", words.gyrus(gyrus)));
+        .map(|gyrus| format!(", {}", words.gyrus(gyrus)));
     format!("{}{}", side_of(words, finding), gyrus.unwrap_or_default())
 }
 
