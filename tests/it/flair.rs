@@ -9,6 +9,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use serde_json::{Value, json};
 
 use crate::dicom::reader;
+use crate::findings::put;
 use crate::maps::{settled, until_maps, whole_head};
 use crate::series_builder::{Slice, Syntax, files};
 use crate::server::{Answer, Part, Server, form, form_type};
@@ -191,9 +192,31 @@ async fn the_newest_flair_has_a_map_that_is_listed_drawn_and_reported_and_goes_w
     assert!(coloured(&server.get(&head).await).iter().sum::<usize>() > 20);
     let voxels = server.get(&format!("{case}/layers/flair/volume")).await;
     assert_eq!(voxels.header("x-isocortex-format"), "u8");
+    // Kept from its list, it is reported with the map and the score for which it was kept.
+    let finding = json!({
+        "id": "a", "kind": "point", "from_map": "flair", "depth_mm": depth_mm,
+        "points_in_patient": [depth["candidates"][0]["position_in_patient"]],
+    });
+    let kept = json!({"findings": [finding]}).to_string().into_bytes();
+    let kept = put(&server, &case, "application/json", kept).await;
+    assert_eq!(kept.status, StatusCode::OK, "{kept:?}");
     let report = server.get(&address).await;
     assert_ne!(report.header("etag"), without.header("etag"));
     let text = String::from_utf8(report.body.to_vec()).unwrap();
+    let (front, rest) = text
+        .split_once(r#"<section class="page finding">"#)
+        .unwrap();
+    let cell = format!(">{score:.2}</td>");
+    assert!(
+        front.contains("map of the FLAIR") && front.contains(&cell),
+        "{cell}"
+    );
+    let (page, appendix) = rest.split_once("</section>").unwrap();
+    assert!(page.contains("<figcaption>T1, map of the FLAIR, "));
+    assert!(
+        !appendix.contains(&cell),
+        "it is no place that was not kept"
+    );
     assert!(text.contains("<h3>FLAIR signal</h3>"), "{text}");
     assert!(text.contains("No limit is known for this map"), "{text}");
 

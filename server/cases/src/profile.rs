@@ -246,8 +246,7 @@ impl Probe<'_> {
     }
 
     fn field_depth_mm(&self, position: DVec3) -> f32 {
-        let field = self.model.field();
-        field.depth_mm(in_voxels(field, position))
+        depth_mm(self.model.field(), position)
     }
 
     fn sample(&self, position: DVec3, distance_mm: f64) -> ProfileSample {
@@ -298,6 +297,11 @@ impl Probe<'_> {
     }
 }
 
+/// The depth at a position, negative outside.
+pub(crate) fn depth_mm(field: &DepthField, position: DVec3) -> f32 {
+    field.depth_mm(in_voxels(field, position))
+}
+
 fn in_voxels(field: &DepthField, position: DVec3) -> glam::Vec3 {
     let voxel_from_patient = field.grid().voxel_from_patient();
     voxel_from_patient.transform_point3(position).as_vec3()
@@ -336,7 +340,7 @@ mod tests {
         let sphere = built.model.bounds();
         let field = built.model.field();
         let points = (1..100).map(|mm| sphere.centre_in_patient + DVec3::X * f64::from(mm));
-        let nearest = |position: &DVec3| (field.depth_mm(in_voxels(field, *position)) - 15.0).abs();
+        let nearest = |position: &DVec3| (depth_mm(field, *position) - 15.0).abs();
         points
             .min_by(|a, b| nearest(a).total_cmp(&nearest(b)))
             .unwrap()

@@ -20,7 +20,7 @@ use crate::gyri::named;
 use crate::library::{LoadedMaps, MapsState};
 use crate::patient::{Patient, day};
 use crate::pictures::{LayerRef, ready};
-use crate::profile::{PointProfile, profile};
+use crate::profile::{PointProfile, SampledLayer, profile};
 use crate::{Cases, Error};
 
 /// From where a report knows its patient.
@@ -66,6 +66,10 @@ impl Cases {
         let layers = self.layers(id).await?;
         let layer = beside(&layers);
         let reference = layer.map(|(layer, _)| LayerRef::from(layer.id));
+        let mut sampled = Vec::new();
+        if let Some((layer, _)) = layer {
+            sampled.push(self.library.sampled(layer).await?);
+        }
         let layer = layer.map(|(layer, quality)| ShownLayer {
             name: layer.name.clone(),
             may_lie_elsewhere: quality != QualityState::Ok,
@@ -78,18 +82,14 @@ impl Cases {
         }
         let (dismissed, findings): (Vec<_>, Vec<_>) =
             (list.into_iter()).partition(|finding| finding.is_dismissed);
-        let (pictures, overview) = shots::draw(
-            self,
-            id,
-            &facts,
-            &findings,
-            reference.as_ref(),
-            maps.is_ok(),
-        )
-        .await?;
+        let own = maps.is_ok().then_some([MapName::Blur, MapName::Thickness]);
+        let of_flair = matches!(flair, Some(Ok(_))).then_some(MapName::Flair);
+        let drawn: Vec<_> = own.into_iter().flatten().chain(of_flair).collect();
+        let (pictures, overview) =
+            shots::draw(self, id, &facts, &findings, reference.as_ref(), &drawn).await?;
         let mut reported = Vec::new();
         for (finding, pictures) in findings.into_iter().zip(pictures) {
-            let numbers = self.numbers(id, &maps, &finding).await?;
+            let numbers = self.numbers(id, &maps, &sampled, &finding).await?;
             reported.push(ReportedFinding {
                 finding,
                 pictures,
@@ -131,14 +131,15 @@ impl Cases {
         &self,
         id: &CaseId,
         maps: &Result<Arc<LoadedMaps>, NoMaps>,
+        layers: &[SampledLayer],
         finding: &Finding,
     ) -> Result<Option<Numbers>, Error> {
         let model = self.model(id).await?;
-        let maps = maps.clone();
+        let (maps, layers) = (maps.clone(), layers.to_vec());
         let position = DVec3::from_array(finding.middle_in_patient());
         let find = move || {
             let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
-            profile([&model, &model], maps, &[], None, position)
+            profile([&model, &model], maps, &layers, None, position)
         };
         match self.queue.run(find).await? {
             Ok(found) => Ok(Some(Numbers {
@@ -192,6 +193,7 @@ fn values_at(profile: &PointProfile) -> Values {
     let at = &profile.point;
     Values {
         intensity: at.intensity,
+        of_layer: at.layers.first().copied().flatten(),
         blur: at.blur,
         thickness: at.thickness,
         sharpness: at.sharpness,
@@ -242,10 +244,8 @@ fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
     usable.min_by_key(order)
 }
 
-/// The map that shows a finding: the one in whose list it was found, if that lists the thickness; else that of blur.
-fn map_of(finding: &Finding) -> MapName {
-    match finding.from_map {
-        Some(MapName::Thickness) => MapName::Thickness,
-        _ => MapName::Blur,
-    }
+/// The map that shows a finding: the one in whose list it was found, if it is one that lists places; else that of blur.
+fn map_of(finding: &Finding, maps: &[MapName]) -> Option<MapName> {
+    let wanted = [finding.from_map, Some(MapName::Blur)].into_iter();
+    wanted.flatten().find(|map| maps.contains(map))
 }

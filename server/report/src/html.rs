@@ -4,8 +4,10 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::contents::{Block, Contents, Facts, Line, Overview, Picture, Piece, Section, Table};
-use crate::pictures::PolyLine;
+use crate::contents::{
+    Block, Contents, Facts, KEY_MM, Line, Overview, Picture, Piece, Section, SectionKind, Table,
+};
+use crate::pictures::{BAR, PolyLine};
 
 /// The look of the report, on a screen and on A4 and Letter.
 const STYLE: &str = include_str!("report.css");
@@ -26,7 +28,7 @@ impl Contents<'_> {
                     style { (PreEscaped(STYLE)) (PreEscaped(self.margins())) }
                 }
                 body { main {
-                    @for (number, section) in self.sections.iter().enumerate() { (self.section(number, section)) }
+                    @for section in &self.sections { (self.section(section)) }
                 } }
             }
         };
@@ -45,16 +47,16 @@ impl Contents<'_> {
 
     /// A section. All but the first, which says it in full, begin with the verdict on the mask: not every browser prints the margins
     /// of pages.
-    fn section(&self, number: usize, section: &Section<'_>) -> Markup {
+    fn section(&self, section: &Section<'_>) -> Markup {
         let doubt =
             html! { @if let Some(doubt) = &self.doubt { p.warning { strong { (doubt) } } } };
         let blocks = html! { @for each in &section.blocks { (block(each)) } };
-        match section.blocks.split_first() {
-            _ if number == 0 => blocks,
-            Some((heading, rest)) if section.is_finding => {
+        match (section.kind, section.blocks.split_first()) {
+            (SectionKind::Front, _) => html! { section.front { (blocks) } },
+            (SectionKind::Finding, Some((heading, rest))) => {
                 html! { section.page.finding { (sheet(&html! { (doubt) (block(heading)) }, rest)) } }
             }
-            _ => html! { section.page { (doubt) (blocks) } },
+            _ => html! { section.page.appendix { (doubt) (blocks) } },
         }
     }
 }
@@ -76,18 +78,30 @@ fn block(block: &Block<'_>) -> Markup {
         Block::Warning(doubt, reasons) => html! {
             div.warning { strong { (doubt) } @for reason in reasons { p { (reason) } } }
         },
+        Block::KeyPicture(each) => html! { div.key { (picture(each, KEY_MM)) } },
         Block::Heading(text) => html! { h2 { (line(text)) } },
         Block::Subheading(text) => html! { h3 { (line(text)) } },
+        Block::Large(text) => html! { p.large.text[!text.is_own()] { (line(text)) } },
         Block::Text(text) => html! { p.text[!text.is_own()] { (line(text)) } },
         Block::List(lines) => html! { ul { @for each in lines { li { (line(each)) } } } },
         Block::Facts(each) => facts(each),
         Block::Table(each) => table(each),
-        Block::FactsAndTable(left, right) => html! { div.facts { (facts(left)) (table(right)) } },
-        Block::Pictures(side_mm, rows) => html! {
-            div.rows { @for row in rows { div.row { @for each in row { (picture(each, *side_mm)) } } } }
+        Block::Pictures(side_mm, rows) => pictures(rows, *side_mm),
+        Block::PicturesAndFacts(side_mm, rows, about, numbers) => html! {
+            div.beside {
+                (pictures(rows, *side_mm))
+                div { (facts(about)) @if let Some(numbers) = numbers { (table(numbers)) } }
+            }
+        },
+        Block::Sign(fields) => html! {
+            div.sign { @for (name, value) in fields { div { span { (line(value)) } small { (name) } } } }
         },
         Block::Overview(each) => overview(each),
     }
+}
+
+fn pictures(rows: &[Vec<Picture<'_>>], side_mm: f64) -> Markup {
+    html! { div.rows { @for row in rows { div.row { @for each in row { (picture(each, side_mm)) } } } } }
 }
 
 /// A text; what a reader wrote keeps its own direction.
@@ -149,6 +163,11 @@ fn drawing(picture: &Picture<'_>) -> Markup {
         svg viewBox={ "0 0 " (side) " " (side) } role="img" aria-label=(picture.caption.plain()) {
             image href=(png) width=(side) height=(side) transform=[shot.is_flipped.then_some(flip)] {}
             @if !lines.is_empty() { @for class in ["halo", "mark"] { path class=(class) d=(lines) {} } }
+            @if let Some([[left, y], [right, _]]) = shot.bar() {
+                path.bar d={ "M" (format!("{left:.1} {y:.1}")) "H" (format!("{right:.1}")) } {}
+                text.bar x=(format!("{left:.1}")) y=(format!("{:.1}", y - 0.3 * shot.letter_size()))
+                    font-size=(format!("{:.1}", 0.75 * shot.letter_size())) { (BAR) }
+            }
             @for (letters, [x, y]) in shot.directions.iter().zip(shot.letter_places()) {
                 text x=(format!("{x:.1}")) y=(format!("{y:.1}")) font-size=(size) { (letters) }
             }

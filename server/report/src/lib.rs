@@ -152,6 +152,8 @@ pub struct Numbers {
 #[derive(Debug)]
 pub struct Values {
     pub intensity: Option<f32>,
+    /// The value of the acquired layer.
+    pub of_layer: Option<f32>,
     pub blur: Option<f32>,
     pub thickness: Option<f32>,
     pub sharpness: Option<f32>,

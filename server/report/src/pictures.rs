@@ -1,13 +1,18 @@
 //! The pictures of a report, with what is drawn over them.
 
-use case::MapName;
-use render::{NamedView, SlicePlane};
+use case::{MapName, SurfaceName};
+use render::SlicePlane;
 
-/// Where a tick begins and ends, in pixels from the place.
-const TICK: [f64; 2] = [7.0, 16.0];
+/// What is judged lies free: so far from the place a tick begins, in mm; and its length, in pixels.
+const FREE_MM: f64 = 5.0;
+const TICK: f64 = 9.0;
 
 /// The height of a letter in a picture, as a part of its side.
 const LETTER_SIZE: f64 = 0.07;
+
+/// The length of the bar of a picture with a mark, in mm, and its name.
+const BAR_MM: f64 = 10.0;
+pub(crate) const BAR: &str = "10 mm";
 
 /// The depths of the overview, in mm.
 pub const DEPTHS_MM: [f32; 4] = [6.0, 10.0, 15.0, 20.0];
@@ -17,6 +22,7 @@ pub const DEPTHS_MM: [f32; 4] = [6.0, 10.0, 15.0, 20.0];
 pub struct Shot {
     pub png: Vec<u8>,
     pub side: u32,
+    pub pixels_per_mm: f64,
     /// The place, in pixels from the top left of the picture as it is shown.
     pub mark: Option<[f64; 2]>,
     /// The outline of what was marked, likewise.
@@ -39,8 +45,11 @@ pub(crate) struct PolyLine {
 impl Shot {
     /// What is drawn over it: a cross of short ticks that leaves the place free, and the outline of what was marked.
     pub(crate) fn lines(&self) -> Vec<PolyLine> {
+        let free = FREE_MM * self.pixels_per_mm;
         let tick = |[x, y]: [f64; 2], [dx, dy]: [f64; 2]| PolyLine {
-            points: TICK.map(|far| [x + dx * far, y + dy * far]).to_vec(),
+            points: [free, free + TICK]
+                .map(|far| [x + dx * far, y + dy * far])
+                .to_vec(),
             is_closed: false,
         };
         let directions = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
@@ -52,6 +61,15 @@ impl Shot {
         ticks.into_iter().flatten().chain(outline).collect()
     }
 
+    /// The ends of its bar, if it has a mark; its name stands above the left one.
+    pub(crate) fn bar(&self) -> Option<[[f64; 2]; 2]> {
+        self.mark.map(|_| {
+            let margin = self.letter_size() * 0.6;
+            let y = f64::from(self.side) - margin;
+            [[margin, y], [margin + BAR_MM * self.pixels_per_mm, y]]
+        })
+    }
+
     /// The height of a letter in it, in its pixels: letters are as large on paper in a small picture as in a large one.
     pub(crate) fn letter_size(&self) -> f64 {
         f64::from(self.side) * LETTER_SIZE
@@ -59,13 +77,16 @@ impl Shot {
 
     /// The middles of its letters, in the order of [`Shot::directions`].
     pub(crate) fn letter_places(&self) -> [[f64; 2]; 4] {
-        let end = f64::from(self.side);
-        let (margin, middle) = (self.letter_size() * 0.75, end / 2.0);
+        let (size, end) = (self.letter_size(), f64::from(self.side));
+        let middle = end / 2.0;
+        // No letter is cut off at the edge.
+        let aside = |letters: &str| size * (0.4 + 0.4 * letters.chars().count() as f64);
+        let [left, right, ..] = &self.directions;
         [
-            [margin, middle],
-            [end - margin, middle],
-            [middle, margin],
-            [middle, end - margin],
+            [aside(left), middle],
+            [end - aside(right), middle],
+            [middle, 0.75 * size],
+            [middle, end - 0.75 * size],
         ]
     }
 }
@@ -81,17 +102,21 @@ pub enum Shows {
 /// The pictures of a finding.
 #[derive(Debug)]
 pub struct FindingPictures {
-    pub view: NamedView,
-    /// The cut, each time the own side and then the other side, flipped.
+    /// The surface of the cut: of a half if that is seen on its inner side.
+    pub surface: SurfaceName,
+    /// Below that surface.
+    pub depth_mm: f32,
+    /// The cut as it faces the viewer, each time the own side and then the other side, flipped.
     pub cuts: Vec<[Shot; 2]>,
     /// Slices through it, each time one plane: the standard ones, and the one across the sulcus.
     pub slices: Vec<(Through, Vec<Shot>)>,
 }
 
 /// The plane of a slice.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Through {
-    Standard(SlicePlane),
+    /// Across an axis of the patient, with its coordinate.
+    Standard(SlicePlane, f64),
     /// Across the sulcus, with its angles.
     Sulcus(String),
 }

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use crate::pictures::Through;
 use case::Closed;
 use case::findings::{Certainty, FindingKind};
-use case::{BrainRegion, Case, Gyrus, MapName, PatientSide, QualityState, Unusual};
+use case::{BrainRegion, Case, Gyrus, MapName, PatientSide, QualityState, SurfaceName, Unusual};
 use render::NamedView;
 use serde::{Deserialize, Serialize};
 
@@ -70,13 +70,16 @@ pub(crate) struct Words {
     states: [&'static str; 3],
     /// Why the case is closed: corrected, rejected.
     closed: [&'static str; 2],
-    pub(crate) findings: &'static str,
     pub(crate) finding: &'static str,
     pub(crate) no_findings: &'static str,
     pub(crate) dismissed: &'static str,
     pub(crate) overview: &'static str,
     pub(crate) overview_of_map: &'static str,
     pub(crate) no_maps: &'static str,
+    pub(crate) conclusion: &'static str,
+    pub(crate) appendix: &'static str,
+    /// How many places of a map stand out, and how many of them are no findings.
+    standing_out: &'static str,
     pub(crate) candidates: &'static str,
     pub(crate) candidates_note: &'static str,
     pub(crate) others: &'static str,
@@ -91,6 +94,7 @@ pub(crate) struct Words {
     pub(crate) unusual: &'static str,
     unusuals: [&'static str; 3],
     pub(crate) size: &'static str,
+    pub(crate) map_of: &'static str,
     pub(crate) region: &'static str,
     regions: [&'static str; 4],
     pub(crate) kind: &'static str,
@@ -106,14 +110,17 @@ pub(crate) struct Words {
     pub(crate) label: &'static str,
     pub(crate) may_lie_elsewhere: &'static str,
     pub(crate) author: &'static str,
+    pub(crate) reader: &'static str,
+    pub(crate) day: &'static str,
+    pub(crate) signature: &'static str,
     pub(crate) here: &'static str,
     pub(crate) other_side: &'static str,
     pub(crate) intensity: &'static str,
     pub(crate) blur: &'static str,
     pub(crate) sharpness: &'static str,
     pub(crate) anatomy: &'static str,
-    /// The maps of blur and of thickness.
-    maps: [&'static str; 2],
+    /// The maps of blur, of thickness and of the FLAIR.
+    maps: [&'static str; 3],
     pub(crate) as_acquired: &'static str,
     pub(crate) flipped: &'static str,
     views: [&'static str; 8],
@@ -150,6 +157,15 @@ impl Words {
         self.views[view as usize]
     }
 
+    /// The inner side of a half; `None` of what is seen from outside.
+    pub(crate) fn inner_side(&self, surface: SurfaceName) -> Option<&'static str> {
+        match surface {
+            SurfaceName::Left => Some(self.view(NamedView::MesialLeft)),
+            SurfaceName::Right => Some(self.view(NamedView::MesialRight)),
+            SurfaceName::Whole | SurfaceName::Cerebrum => None,
+        }
+    }
+
     /// What the letters of the patient's directions mean: those of DICOM, in all languages.
     pub(crate) fn legend_of_letters(&self) -> &'static str {
         self.of_page("letters.legend")
@@ -178,6 +194,13 @@ impl Words {
         text.replace('.', &self.decimal.to_string())
     }
 
+    /// A coordinate with its side, as the page has it: `R 35.0`.
+    pub(crate) fn coordinate(&self, axis: usize, mm: f64) -> String {
+        let sides = ["LR", "PA", "SI"][axis];
+        let side = &sides[usize::from(mm < 0.0)..][..1];
+        format!("{side} {}", self.number(mm.abs(), 1))
+    }
+
     pub(crate) fn identity(&self, case: &Case) -> String {
         case.identity_with(|day| self.of_page("case.added").replace("{day}", day))
     }
@@ -193,7 +216,17 @@ impl Words {
 
     /// A map that lists places.
     pub(crate) fn map(&self, map: MapName) -> &'static str {
-        self.maps[usize::from(map == MapName::Thickness)]
+        self.maps[match map {
+            MapName::Thickness => 1,
+            MapName::Flair => 2,
+            _ => 0,
+        }]
+    }
+
+    pub(crate) fn standing_out(&self, map: MapName, [all, left]: [usize; 2]) -> String {
+        let text = self.standing_out.replace("{map}", self.map(map));
+        text.replace("{all}", &all.to_string())
+            .replace("{left}", &left.to_string())
     }
 
     pub(crate) fn sides_in_doubt(&self) -> &'static str {
@@ -239,7 +272,10 @@ impl Words {
 
     pub(crate) fn through(&self, through: &Through) -> String {
         match through {
-            Through::Standard(plane) => self.planes[*plane as usize].to_owned(),
+            Through::Standard(plane, mm) => {
+                let at = self.coordinate(plane.axis(), *mm);
+                format!("{}, {at} mm", self.planes[*plane as usize])
+            }
             Through::Sulcus(angles) => format!("{} ({angles})", self.across),
         }
     }
@@ -264,17 +300,19 @@ const ENGLISH: Words = Words {
         "CLOSED: the archive has sent other images in place of these: another patient, another place, or other pixels",
         "CLOSED: the archive has rejected these images",
     ],
-    findings: "Findings",
     finding: "Finding",
     no_findings: "Nothing was marked.",
     dismissed: "Looked at and dismissed",
     overview: "Overview",
     overview_of_map: "Overview with the map of blur",
     no_maps: "There are no maps of this case:",
-    candidates: "Places of the map",
-    candidates_note: "Places where the junction of grey and white matter is less sharp than around it and on the other side. \
-                      Most are normal. The score is the mean of the map over the junction around the point, and lower where there is little \
-                      junction; at a single point the map can be higher.",
+    conclusion: "Conclusion",
+    appendix: "Appendix",
+    standing_out: "Places of the {map} that stand out: {all}; not among the findings: {left}.",
+    candidates: "Places that were not kept",
+    candidates_note: "Places where the boundary between grey and white matter is less sharp than around it and on the other side. \
+                      Most are normal. The score is the mean of the map over the boundary around the point, and lower where there is little \
+                      boundary; at a single point the map can be higher.",
     others: "Other places",
     elsewhere: "Elsewhere in the brain",
     elsewhere_note: "In the cerebellum, in the brain stem, or where the cerebrum has no cortex. They do not count as standing out.",
@@ -287,6 +325,7 @@ const ENGLISH: Words = Words {
     unusual: "Stands out",
     unusuals: ["yes", "borderline", "no"],
     size: "Size",
+    map_of: "Map",
     region: "Region",
     regions: ["cerebrum", "cerebellum", "brain stem", "no cortex"],
     kind: "Form",
@@ -301,13 +340,16 @@ const ENGLISH: Words = Words {
     label: "Label",
     may_lie_elsewhere: "its place was not checked",
     author: "By",
+    reader: "Reader",
+    day: "Day",
+    signature: "Signature",
     here: "Here",
     other_side: "Other side",
     intensity: "Intensity",
     blur: "Blur at this point (z)",
     sharpness: "Sharpness (per mm)",
     anatomy: "T1",
-    maps: ["map of blur", "map of thickness"],
+    maps: ["map of blur", "map of thickness", "map of the FLAIR"],
     as_acquired: "as acquired",
     flipped: "flipped",
     views: [
@@ -346,17 +388,19 @@ const PORTUGUESE: Words = Words {
         "ENCERRADO: o arquivo enviou outras imagens no lugar destas: outro paciente, outra posição ou outros pixels",
         "ENCERRADO: o arquivo rejeitou estas imagens",
     ],
-    findings: "Achados",
     finding: "Achado",
     no_findings: "Nada foi marcado.",
     dismissed: "Examinados e descartados",
     overview: "Visão geral",
     overview_of_map: "Visão geral com o mapa de borramento",
     no_maps: "Não há mapas deste caso:",
-    candidates: "Locais do mapa",
-    candidates_note: "Locais onde a junção entre as substâncias cinzenta e branca é menos nítida do que ao redor e do outro lado. \
-                      A maioria é normal. O escore é a média do mapa na junção em torno do ponto, e menor onde há pouca \
-                      junção; em um único ponto, o mapa pode ser mais alto.",
+    conclusion: "Conclusão",
+    appendix: "Apêndice",
+    standing_out: "Locais do {map} que se destacam: {all}; fora dos achados: {left}.",
+    candidates: "Locais que não foram mantidos",
+    candidates_note: "Locais onde o limite entre as substâncias cinzenta e branca é menos nítido do que ao redor e do outro lado. \
+                      A maioria é normal. O escore é a média do mapa no limite em torno do ponto, e menor onde o limite é \
+                      curto; em um único ponto, o mapa pode ser mais alto.",
     others: "Outros locais",
     elsewhere: "Em outras partes do encéfalo",
     elsewhere_note: "No cerebelo, no tronco encefálico ou onde o cérebro não tem córtex. Não contam como locais que se destacam.",
@@ -369,6 +413,7 @@ const PORTUGUESE: Words = Words {
     unusual: "Destaca-se",
     unusuals: ["sim", "limítrofe", "não"],
     size: "Tamanho",
+    map_of: "Mapa",
     region: "Região",
     regions: ["cérebro", "cerebelo", "tronco encefálico", "sem córtex"],
     kind: "Forma",
@@ -383,13 +428,16 @@ const PORTUGUESE: Words = Words {
     label: "Rótulo",
     may_lie_elsewhere: "posição não verificada",
     author: "Por",
+    reader: "Leitor",
+    day: "Data",
+    signature: "Assinatura",
     here: "Aqui",
     other_side: "Outro lado",
     intensity: "Intensidade",
     blur: "Borramento neste ponto (z)",
     sharpness: "Nitidez (por mm)",
     anatomy: "T1",
-    maps: ["mapa de borramento", "mapa de espessura"],
+    maps: ["mapa de borramento", "mapa de espessura", "mapa do FLAIR"],
     as_acquired: "como adquirido",
     flipped: "espelhado",
     views: [

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use ::report::{DEPTHS_MM, FindingPictures, Overview, Shot, Shows, Through};
 use case::findings::{Finding, FindingKind};
-use case::{CaseFacts, CaseId, MapName};
+use case::{CaseFacts, CaseId, MapName, SphereFacts, SurfaceName};
 use glam::{DMat3, DQuat, DVec3};
 use pipeline::maps::mirror_plane;
 use render::{NamedView, Projection, SlicePlane, edge_letters};
@@ -14,16 +14,23 @@ use crate::pictures::{
     LayerRef, Numbers, PictureRequest, PictureSeries, SeriesPicture, SliceKind, SlicePicture,
     SliceQuery,
 };
+use crate::profile::depth_mm;
 use crate::{Cases, Error};
 
 /// The side of a picture of a finding, of a slice and of a picture of the overview, in pixels.
-const CUT_SIDE: u32 = 264;
+const CUT_SIDE: u32 = 320;
 const SLICE_SIDE: u32 = 240;
 const OVERVIEW_SIDE: u32 = 120;
 
 /// What a picture of a finding and a slice show, in mm.
 const CUT_MM: f64 = 90.0;
 const SLICE_MM: f64 = 70.0;
+
+/// Deeper than this, the cut through the whole brain meets most of the cortex slantwise, in mm: the same as in the page.
+const DEEP_MM: f64 = 30.0;
+
+/// Points that lie so near to a slice lie in it, in mm.
+const IN_SLICE_MM: f64 = 1.0;
 
 /// Draws all pictures: those of each finding, in their order, and the overview.
 pub(super) async fn draw(
@@ -32,11 +39,11 @@ pub(super) async fn draw(
     facts: &Arc<CaseFacts>,
     findings: &[Finding],
     layer: Option<&LayerRef>,
-    has_maps: bool,
+    maps: &[MapName],
 ) -> Result<(Vec<FindingPictures>, Overview), Error> {
     let shown = |finding: &Finding| {
         let layer = layer.map(|_| Shows::Layer);
-        let map = has_maps.then(|| Shows::Map(map_of(finding)));
+        let map = map_of(finding, maps).map(Shows::Map);
         [Some(Shows::Anatomy), layer, map].into_iter().flatten()
     };
     let with = |request: PictureRequest, shows: Shows| PictureRequest {
@@ -48,37 +55,49 @@ pub(super) async fn draw(
         ..request
     };
     let mut requests = Vec::new();
+    let mut all_seen = Vec::with_capacity(findings.len());
     for finding in findings {
+        let seen = seen(cases, id, facts, finding).await?;
         for shows in shown(finding) {
-            requests.extend(cut_and_mirror(facts, finding).map(|cut| with(cut, shows)));
+            requests.extend(cut_and_mirror(facts, finding, &seen).map(|cut| with(cut, shows)));
         }
+        all_seen.push(seen);
     }
     let of_map = Shows::Map(MapName::Blur);
     for shows in [Shows::Anatomy, of_map] {
-        if shows == Shows::Anatomy || has_maps {
+        if shows == Shows::Anatomy || maps.contains(&MapName::Blur) {
             requests.extend(overview().map(|request| with(request, shows)));
         }
     }
     let mut drawn = draw_surfaces(cases, id, requests).await?.into_iter();
     let mut pictures = Vec::with_capacity(findings.len());
-    for finding in findings {
+    for (finding, seen) in findings.iter().zip(all_seen) {
         let mut cuts = Vec::new();
         for shows in shown(finding) {
             let mut next = |is_flipped| {
                 let (png, projection) = drawn.next().ok_or(Error::Internal)?;
-                let shot = marked(facts, finding, png, &projection, shows, is_flipped);
-                Ok::<_, Error>(shot)
+                let marked = Marked {
+                    facts,
+                    finding,
+                    seen: &seen,
+                    is_flipped,
+                };
+                Ok::<_, Error>(marked.shot(png, &projection, shows))
             };
             cuts.push([next(false)?, next(true)?]);
         }
         let slices = slices(cases, id, facts, finding, layer).await?;
-        let view = view_of(facts, finding);
-        pictures.push(FindingPictures { view, cuts, slices });
+        pictures.push(FindingPictures {
+            depth_mm: seen.depth_mm,
+            surface: seen.surface,
+            cuts,
+            slices,
+        });
     }
     let mut rows = |shows| -> Vec<Vec<Shot>> {
         let mut row = || -> Vec<Shot> {
             let some = drawn.by_ref().zip(NamedView::ALL);
-            some.map(|((png, _), view)| plain(png, OVERVIEW_SIDE, shows, view.orientation()))
+            some.map(|((png, projection), view)| plain(png, &projection, shows, view.orientation()))
                 .collect()
         };
         let rows: Vec<_> = DEPTHS_MM.iter().map(|_| row()).collect();
@@ -91,21 +110,90 @@ pub(super) async fn draw(
     Ok((pictures, overview))
 }
 
-/// The standard view from which a finding is seen best.
-fn view_of(facts: &CaseFacts, finding: &Finding) -> NamedView {
+/// How the cut of a finding is seen: as the page shows it to whoever goes to it.
+struct Seen {
+    /// The half on whose inner side it is, the other half being away; else the whole.
+    surface: SurfaceName,
+    depth_mm: f32,
+    /// From where it faces the viewer.
+    orientation: DQuat,
+    /// The spheres around that surface and the mirrored one.
+    spheres: [SphereFacts; 2],
+}
+
+/// How a finding is seen.
+///
+/// # Errors
+/// As [`Cases::surface`], but for a case without the surfaces of halves.
+async fn seen(
+    cases: &Cases,
+    id: &CaseId,
+    facts: &CaseFacts,
+    finding: &Finding,
+) -> Result<Seen, Error> {
+    let at = DVec3::from_array(finding.middle_in_patient());
     let centre = DVec3::from_array(facts.envelope_sphere.center_in_patient);
-    let outwards = DVec3::from_array(finding.middle_in_patient()) - centre;
-    let towards_viewer = |view: &NamedView| view.orientation().inverse() * DVec3::Z;
-    let facing = |view: &NamedView| towards_viewer(view).dot(outwards);
-    let views = NamedView::ALL.into_iter();
-    let best = views.max_by(|a, b| facing(a).total_cmp(&facing(b)));
-    best.unwrap_or(NamedView::Left)
+    let outside = Seen {
+        surface: SurfaceName::Whole,
+        depth_mm: finding.depth_mm as f32,
+        orientation: facing(at - centre),
+        spheres: [facts.envelope_sphere; 2],
+    };
+    let surface = surface_of(facts, finding);
+    let leftwards = mirror_plane(facts).normal();
+    let outwards = match surface {
+        SurfaceName::Left => -leftwards,
+        SurfaceName::Right => leftwards,
+        SurfaceName::Whole | SurfaceName::Cerebrum => return Ok(outside),
+    };
+    let model = match cases.surface(id, surface).await {
+        Err(Error::NoSurfaces(_)) => return Ok(outside),
+        model => model?,
+    };
+    let depth_mm = depth_mm(model.model().field(), at);
+    if depth_mm < 0.0 {
+        return Ok(outside);
+    }
+    let opposite = cases.surface(id, surface.mirrored()).await?;
+    Ok(Seen {
+        surface,
+        depth_mm,
+        orientation: facing(outwards),
+        spheres: [&model, &opposite].map(|half| half.facts().envelope_sphere),
+    })
+}
+
+/// The half on whose inner side a finding is seen, because it is by far nearer to the plane between the halves than to the dura outside, or
+/// nearer at all if it is too deep for the whole brain; else the whole.
+fn surface_of(facts: &CaseFacts, finding: &Finding) -> SurfaceName {
+    let plane = mirror_plane(facts);
+    let at = DVec3::from_array(finding.middle_in_patient());
+    let left_mm = plane.normal().dot(at) - plane.offset_mm();
+    let reach_mm = match finding.depth_mm {
+        deep if deep > DEEP_MM => deep,
+        depth_mm => depth_mm / 2.0,
+    };
+    match left_mm {
+        _ if facts.midsagittal.doubtful || left_mm.abs() >= reach_mm => SurfaceName::Whole,
+        0.0.. => SurfaceName::Left,
+        _ => SurfaceName::Right,
+    }
+}
+
+/// The orientation that brings a direction of the patient to the viewer, with the top of the head up; of the top itself, the front.
+fn facing(outwards: DVec3) -> DQuat {
+    let towards = outwards.try_normalize().unwrap_or(DVec3::X);
+    let upright = match towards.z.abs() < 0.95 {
+        true => DVec3::Z,
+        false => DVec3::NEG_Y,
+    };
+    let right = upright.cross(towards).normalize();
+    DQuat::from_mat3(&DMat3::from_cols(right, towards.cross(right), towards).transpose())
 }
 
 /// From where a finding is seen, and from where its mirrored place looks like the mirror image of that picture.
-fn orientations(facts: &CaseFacts, finding: &Finding) -> [DQuat; 2] {
+fn orientations(facts: &CaseFacts, own: DQuat) -> [DQuat; 2] {
     let plane = mirror_plane(facts);
-    let own = view_of(facts, finding).orientation();
     // Rows of the rotation into view space are its axes in the patient: right, up, towards the viewer.
     let axes = DMat3::from_quat(own).transpose();
     let mirrored = |axis: DVec3| plane.reflected(axis) - plane.reflected(DVec3::ZERO);
@@ -119,16 +207,21 @@ fn orientations(facts: &CaseFacts, finding: &Finding) -> [DQuat; 2] {
 
 /// A finding on the surface at its depth, and the mirrored place as the mirror image of that picture, which is flipped when it is
 /// shown.
-fn cut_and_mirror(facts: &CaseFacts, finding: &Finding) -> [PictureRequest; 2] {
-    let [own, other] = orientations(facts, finding);
+fn cut_and_mirror(facts: &CaseFacts, finding: &Finding, seen: &Seen) -> [PictureRequest; 2] {
+    let [own, other] = orientations(facts, seen.orientation);
     let at = DVec3::from_array(finding.middle_in_patient());
     let opposite = mirror_plane(facts).reflected(at);
-    [(own, at), (other, opposite)].map(|(orientation, at)| {
-        let sphere = &facts.envelope_sphere;
+    let [sphere, mirrored] = &seen.spheres;
+    let cuts = [
+        (own, at, seen.surface, sphere),
+        (other, opposite, seen.surface.mirrored(), mirrored),
+    ];
+    cuts.map(|(orientation, at, surface, sphere)| {
         let centre = DVec3::from_array(sphere.center_in_patient);
         let offset = orientation * (at - centre);
         PictureRequest {
-            depth_mm: finding.depth_mm as f32,
+            depth_mm: seen.depth_mm,
+            surface,
             orientation: Some(Numbers(orientation.to_array())),
             width: CUT_SIDE,
             height: CUT_SIDE,
@@ -208,15 +301,11 @@ async fn slices(
             };
             let picture = SlicePicture::of(cases, id, kind, query.checked()?).await?;
             let drawn = picture.draw(cases).await?;
-            let [x, y, _] = drawn
-                .projection
-                .frame_from_patient()
-                .transform_point3(at)
-                .to_array();
+            let in_frame = |point: [f64; 3]| pixel(&drawn.projection, DVec3::from_array(point));
             let convention = render::SliceConvention::default();
             let orientation = match (kind, drawn.oblique) {
                 (SliceKind::Standard(plane), _) => {
-                    through = Through::Standard(plane);
+                    through = Through::Standard(plane, at[plane.axis()]);
                     plane.view(convention).orientation()
                 }
                 (SliceKind::Oblique, oblique) => {
@@ -225,9 +314,18 @@ async fn slices(
                     oblique.orientation(convention)
                 }
             };
+            let outline = match kind {
+                SliceKind::Standard(plane) if lies_in(finding, plane) => {
+                    let points = finding.points_in_patient.iter();
+                    points.map(|&point| in_frame(point)).collect()
+                }
+                _ => Vec::new(),
+            };
             shots.push(Shot {
-                mark: Some([x, y]),
-                ..plain(drawn.png, SLICE_SIDE, shows, orientation)
+                mark: Some(in_frame(at.to_array())),
+                outline,
+                is_closed: finding.kind == FindingKind::Polygon,
+                ..plain(drawn.png, &drawn.projection, shows, orientation)
             });
         }
         slices.push((through, shots));
@@ -242,11 +340,29 @@ fn pan_of(plane: SlicePlane, offset: DVec3) -> Numbers<2> {
     Numbers([-shown.x, -shown.y])
 }
 
-fn plain(png: Vec<u8>, side: u32, shows: Shows, orientation: DQuat) -> Shot {
+/// Whether something longer than a point was marked in a slice.
+fn lies_in(finding: &Finding, plane: SlicePlane) -> bool {
+    let middle = finding.middle_in_patient()[plane.axis()];
+    let mut points = finding.points_in_patient.iter();
+    finding.kind != FindingKind::Point
+        && points.all(|point| (point[plane.axis()] - middle).abs() <= IN_SLICE_MM)
+}
+
+/// Where a point is in a picture, in pixels from its top left.
+fn pixel(projection: &Projection, point: DVec3) -> [f64; 2] {
+    let [x, y, _] = projection
+        .frame_from_patient()
+        .transform_point3(point)
+        .to_array();
+    [x, y]
+}
+
+fn plain(png: Vec<u8>, projection: &Projection, shows: Shows, orientation: DQuat) -> Shot {
     Shot {
         directions: edge_letters(orientation),
         png,
-        side,
+        side: projection.size().width(),
+        pixels_per_mm: projection.mm_per_pixel().recip(),
         mark: None,
         outline: Vec::new(),
         is_closed: false,
@@ -255,57 +371,42 @@ fn plain(png: Vec<u8>, side: u32, shows: Shows, orientation: DQuat) -> Shot {
     }
 }
 
-/// A picture of the surface with a finding, or with its mirror image.
-fn marked(
-    facts: &CaseFacts,
-    finding: &Finding,
-    png: Vec<u8>,
-    projection: &Projection,
-    shows: Shows,
+/// A finding on a surface, or its mirrored place.
+struct Marked<'a> {
+    facts: &'a CaseFacts,
+    finding: &'a Finding,
+    seen: &'a Seen,
     is_flipped: bool,
-) -> Shot {
-    let plane = mirror_plane(facts);
-    let pixel = |point: [f64; 3]| {
-        let point = DVec3::from_array(point);
-        let point = if is_flipped {
-            plane.reflected(point)
-        } else {
-            point
-        };
-        let [x, y, _] = projection
-            .frame_from_patient()
-            .transform_point3(point)
-            .to_array();
-        [
-            if is_flipped {
-                f64::from(CUT_SIDE) - x
-            } else {
-                x
-            },
-            y,
-        ]
-    };
-    let outline = match finding.kind {
-        FindingKind::Point => Vec::new(),
-        _ => finding
-            .points_in_patient
-            .iter()
-            .map(|&point| pixel(point))
-            .collect(),
-    };
-    let [own, other] = orientations(facts, finding);
-    let plain = plain(png, CUT_SIDE, shows, if is_flipped { other } else { own });
-    let [left, right, up, down] = plain.directions;
-    Shot {
-        mark: Some(pixel(finding.middle_in_patient())),
-        outline,
-        is_closed: finding.kind == FindingKind::Polygon,
-        is_flipped,
-        directions: match is_flipped {
-            true => [right, left, up, down],
-            false => [left, right, up, down],
-        },
-        ..plain
+}
+
+impl Marked<'_> {
+    /// Its picture. What was marked is outlined on its own side alone, and not if it was marked in a slice.
+    fn shot(&self, png: Vec<u8>, projection: &Projection, shows: Shows) -> Shot {
+        let finding = self.finding;
+        let [own, other] = orientations(self.facts, self.seen.orientation);
+        let middle = DVec3::from_array(finding.middle_in_patient());
+        if self.is_flipped {
+            let plain = plain(png, projection, shows, other);
+            let [x, y] = pixel(projection, mirror_plane(self.facts).reflected(middle));
+            let [left, right, up, down] = plain.directions;
+            return Shot {
+                mark: Some([f64::from(plain.side) - x, y]),
+                is_flipped: true,
+                directions: [right, left, up, down],
+                ..plain
+            };
+        }
+        let is_on_surface = finding.kind != FindingKind::Point
+            && (finding.kind == FindingKind::Trajectory
+                || !SlicePlane::ALL.iter().any(|&plane| lies_in(finding, plane)));
+        let points = finding.points_in_patient.iter().filter(|_| is_on_surface);
+        let points = points.map(|&point| pixel(projection, DVec3::from_array(point)));
+        Shot {
+            mark: Some(pixel(projection, middle)),
+            outline: points.collect(),
+            is_closed: finding.kind == FindingKind::Polygon,
+            ..plain(png, projection, shows, own)
+        }
     }
 }
 
@@ -322,16 +423,38 @@ mod tests {
         .unwrap()
     }
 
-    /// The projections of the picture of a finding and of the other side.
-    fn projections(facts: &CaseFacts, finding: &Finding) -> [Projection; 2] {
-        let sphere = BoundingSphere {
-            centre_in_patient: DVec3::from_array(facts.envelope_sphere.center_in_patient),
-            radius_mm: facts.envelope_sphere.radius_mm,
+    /// A finding as it is seen from outside.
+    fn outside(facts: &CaseFacts, finding: &Finding) -> Seen {
+        let centre = DVec3::from_array(facts.envelope_sphere.center_in_patient);
+        Seen {
+            surface: SurfaceName::Whole,
+            depth_mm: finding.depth_mm as f32,
+            orientation: facing(DVec3::from_array(finding.middle_in_patient()) - centre),
+            spheres: [facts.envelope_sphere; 2],
+        }
+    }
+
+    fn shot(facts: &CaseFacts, finding: &Finding, on: &Projection, is_flipped: bool) -> Shot {
+        let marked = Marked {
+            facts,
+            finding,
+            seen: &outside(facts, finding),
+            is_flipped,
         };
+        marked.shot(Vec::new(), on, Shows::Anatomy)
+    }
+
+    /// The projections of the picture of a finding and of the other side.
+    fn projections(facts: &CaseFacts, finding: &Finding, seen: &Seen) -> [Projection; 2] {
         let size = FrameSize::new(CUT_SIDE, CUT_SIDE).unwrap();
-        cut_and_mirror(facts, finding).map(|cut| {
-            let checked = cut.checked().unwrap();
-            checked.camera().projection(&sphere, size)
+        let [own, other] = cut_and_mirror(facts, finding, seen);
+        let [sphere, mirrored] = seen.spheres;
+        [(own, sphere), (other, mirrored)].map(|(cut, sphere)| {
+            let sphere = BoundingSphere {
+                centre_in_patient: DVec3::from_array(sphere.center_in_patient),
+                radius_mm: sphere.radius_mm,
+            };
+            cut.checked().unwrap().camera().projection(&sphere, size)
         })
     }
 
@@ -350,56 +473,116 @@ mod tests {
         let facts = facts();
         for at in [[60.0, -5.0, 30.0], [-55.0, 20.0, 35.0], [10.0, 5.0, 110.0]] {
             let finding = finding(at);
-            let [own, other] = projections(&facts, &finding);
-            let shot = |projection, flipped| {
-                marked(
-                    &facts,
-                    &finding,
-                    Vec::new(),
-                    projection,
-                    Shows::Anatomy,
-                    flipped,
-                )
-            };
-            let (here, there) = (shot(&own, false), shot(&other, true));
-            let [x, y] = here.mark.unwrap();
-            assert!((x - 132.0).hypot(y - 132.0) < 1e-6, "{x}, {y}");
-            for (one, mirrored) in here.outline.iter().zip(&there.outline) {
-                let apart = (one[0] - mirrored[0]).hypot(one[1] - mirrored[1]);
-                assert!(apart < 1e-6, "{one:?} {mirrored:?}");
+            let [own, other] = projections(&facts, &finding, &outside(&facts, &finding));
+            let (here, there) = (
+                shot(&facts, &finding, &own, false),
+                shot(&facts, &finding, &other, true),
+            );
+            let middle = f64::from(CUT_SIDE) / 2.0;
+            for shot in [&here, &there] {
+                let [x, y] = shot.mark.unwrap();
+                assert!((x - middle).hypot(y - middle) < 1e-6, "{x}, {y}");
+                assert!((shot.pixels_per_mm - f64::from(CUT_SIDE) / CUT_MM).abs() < 1e-9);
             }
             assert!(there.is_flipped && !here.is_flipped);
+            // Nothing was measured on the other side.
+            assert_eq!([here.outline.len(), there.outline.len()], [2, 0]);
         }
+    }
+
+    #[test]
+    fn a_finding_on_an_inner_side_is_in_the_middle_though_each_half_has_its_own_sphere() {
+        let (facts, finding) = (facts(), finding([8.0, -5.0, 30.0]));
+        let mut seen = outside(&facts, &finding);
+        seen.surface = SurfaceName::Left;
+        let [sphere, mirrored] = &mut seen.spheres;
+        (sphere.center_in_patient, sphere.radius_mm) = ([30.0, -4.0, 25.0], 80.0);
+        (mirrored.center_in_patient, mirrored.radius_mm) = ([-28.0, -6.0, 22.0], 82.0);
+        let [own, other] = projections(&facts, &finding, &seen);
+        for (projection, is_flipped) in [(&own, false), (&other, true)] {
+            let shot = shot(&facts, &finding, projection, is_flipped);
+            let middle = f64::from(CUT_SIDE) / 2.0;
+            let [x, y] = shot.mark.unwrap();
+            assert!((x - middle).hypot(y - middle) < 1e-6, "{x}, {y}");
+            assert!((shot.pixels_per_mm - f64::from(CUT_SIDE) / CUT_MM).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_line_is_drawn_in_the_slice_that_it_was_set_in_and_on_no_surface() {
+        let facts = facts();
+        let mut finding = finding([60.0, -5.0, 30.0]);
+        assert!(
+            !SlicePlane::ALL
+                .iter()
+                .any(|&plane| lies_in(&finding, plane))
+        );
+        finding.points_in_patient[1][2] = 30.5;
+        let lies = SlicePlane::ALL.map(|plane| lies_in(&finding, plane));
+        assert_eq!(
+            lies,
+            SlicePlane::ALL.map(|plane| plane == SlicePlane::Axial)
+        );
+        let [own, _] = projections(&facts, &finding, &outside(&facts, &finding));
+        assert_eq!(shot(&facts, &finding, &own, false).outline, [[0.0; 2]; 0]);
+        finding.kind = FindingKind::Trajectory;
+        assert_eq!(shot(&facts, &finding, &own, false).outline.len(), 2);
     }
 
     #[test]
     fn the_directions_are_those_of_the_picture_as_it_is_shown() {
         let mut facts = facts();
         facts.midsagittal.normal = [1.0, 0.0, 0.0];
+        facts.envelope_sphere.center_in_patient = [0.0, -3.0, 35.0];
         for (at, expected) in [
             ([60.0, -5.0, 30.0], ["APSI", "APSI"]),
             ([-60.0, -5.0, 30.0], ["PASI", "PASI"]),
             // Seen from above: the other side is on the left of the picture as it is shown, where its letter must be.
-            ([10.0, 5.0, 110.0], ["LRAP", "RLAP"]),
+            ([2.0, -5.0, 110.0], ["LRAP", "RLAP"]),
         ] {
             let finding = finding(at);
-            let [own, other] = projections(&facts, &finding);
+            let [own, other] = projections(&facts, &finding, &outside(&facts, &finding));
             let letters = [(own, false), (other, true)].map(|(projection, is_flipped)| {
-                let (png, shows) = (Vec::new(), Shows::Anatomy);
-                let shot = marked(&facts, &finding, png, &projection, shows, is_flipped);
-                shot.directions.concat()
+                let letters = shot(&facts, &finding, &projection, is_flipped).directions;
+                letters.concat()
             });
             assert_eq!(letters, expected, "{at:?}");
         }
     }
 
     #[test]
-    fn a_finding_is_seen_from_its_own_side() {
-        let view = |at| view_of(&facts(), &finding(at));
-        assert_eq!(view([60.0, -5.0, 30.0]), NamedView::Left);
-        assert_eq!(view([-60.0, -5.0, 30.0]), NamedView::Right);
-        assert_eq!(view([10.0, 5.0, 110.0]), NamedView::Superior);
-        assert_eq!(view([0.0, -90.0, 20.0]), NamedView::Anterior);
+    fn a_finding_faces_the_viewer_and_the_head_is_upright() {
+        for outwards in [[1.0, 0.2, 0.3], [-0.4, -0.8, 0.1], [0.05, 0.1, 2.0]] {
+            let outwards = DVec3::from_array(outwards).normalize();
+            let orientation = facing(outwards);
+            assert!((orientation * outwards).distance(DVec3::Z) < 1e-9);
+            let up = orientation.inverse() * DVec3::Y;
+            assert!(
+                up.dot(DVec3::Z) > 0.0 && (up.z > 0.3 || up.y < -0.9),
+                "{up}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_near_the_plane_between_the_halves_is_seen_on_its_inner_side() {
+        let mut facts = facts();
+        (facts.midsagittal.normal, facts.midsagittal.offset_mm) = ([1.0, 0.0, 0.0], 4.0);
+        for (x, depth_mm, half) in [
+            (12.0, 20.0, SurfaceName::Left),
+            (-4.0, 20.0, SurfaceName::Right),
+            (16.0, 20.0, SurfaceName::Whole),
+            (30.0, 31.0, SurfaceName::Left),
+            (12.0, 8.0, SurfaceName::Whole),
+        ] {
+            let mut finding = finding([x, 5.0, 30.0]);
+            (finding.kind, finding.depth_mm) = (FindingKind::Point, depth_mm);
+            finding.points_in_patient.truncate(1);
+            assert_eq!(surface_of(&facts, &finding), half, "{x} {depth_mm}");
+            facts.midsagittal.doubtful = true;
+            assert_eq!(surface_of(&facts, &finding), SurfaceName::Whole);
+            facts.midsagittal.doubtful = false;
+        }
     }
 
     #[test]

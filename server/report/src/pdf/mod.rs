@@ -1,15 +1,20 @@
 //! The report as PDF: its contents laid out on pages that A4 and Letter hold, without a browser.
 //!
 //! Pictures keep their compressed pixels, marks and letters are drawn over them, and the same report gives the same bytes.
+//!
+//! `krilla` was tried in place of `pdf-writer` and this module's files: it is as deterministic and embeds 27 kB less of the font, but it
+//! compresses pixels again without the filters of PNG (43 kB for a slice of 29 kB) and brings 16 more crates; the layout stays ours.
 
 mod deflate;
 mod paper;
 mod typeface;
 
-use self::paper::{About, BLACK, PAGE_MM, PT, Paper, RED};
+use self::paper::{About, BLACK, GREY, PAGE_MM, PT, Paper, RED};
 use self::typeface::Text;
 use crate::Error;
-use crate::contents::{Block, Contents, Facts, GAP_MM, Line, Overview, Picture, Section, Table};
+use crate::contents::{
+    Block, Contents, Facts, GAP_MM, KEY_MM, Line, Overview, Picture, Section, SectionKind, Table,
+};
 
 /// The margins to the left and right, and above and below the text, in mm.
 const MARGIN_MM: f64 = 12.0;
@@ -24,12 +29,35 @@ const END_MM: f64 = PAGE_MM[1] - FOOT_MM;
 
 /// Heights of letters, in mm.
 const TITLE: f64 = 16.0 * PT;
-const HEADING: f64 = 12.5 * PT;
-const SUBHEADING: f64 = 10.5 * PT;
-const BODY: f64 = 9.5 * PT;
-const CELL: f64 = 8.5 * PT;
+const LARGE: f64 = 14.0 * PT;
 const CAPTION: f64 = 7.0 * PT;
 const EDGE: f64 = 7.5 * PT;
+
+/// Heights of the letters that are smaller in the appendix, in mm.
+struct Sizes {
+    heading: f64,
+    subheading: f64,
+    body: f64,
+    cell: f64,
+    /// Above and below the letters of a table.
+    around: f64,
+}
+
+const USUAL: Sizes = Sizes {
+    heading: 12.5 * PT,
+    subheading: 10.5 * PT,
+    body: 9.5 * PT,
+    cell: 8.5 * PT,
+    around: 0.5,
+};
+
+const SMALL: Sizes = Sizes {
+    heading: 11.0 * PT,
+    subheading: 9.0 * PT,
+    body: 8.0 * PT,
+    cell: 7.5 * PT,
+    around: 0.2,
+};
 
 /// From one line to the next, as a part of the height of letters; and from its upper edge to its base line.
 const LEADING: f64 = 1.32;
@@ -39,11 +67,14 @@ const BASE: f64 = 0.98;
 const BELOW_HEADING_MM: f64 = 25.0;
 
 /// The side of a picture of an overview, and what separates two, in mm.
-const SMALL_PICTURE_MM: f64 = 26.0;
+const SMALL_PICTURE_MM: f64 = 23.0;
 const SMALL_GAP_MM: f64 = 1.0;
 
 /// What separates two columns of a table, in mm.
-const COLUMN_GAP_MM: f64 = 4.0;
+const COLUMN_GAP_MM: f64 = 3.5;
+
+/// What separates pictures from what stands beside them, and two lines to write on, in mm.
+const BESIDE_GAP_MM: f64 = 5.0;
 
 /// The width of the names of an overview's rows, in mm.
 const ROW_NAME_MM: f64 = WIDTH_MM - 6.0 * (SMALL_PICTURE_MM + SMALL_GAP_MM);
@@ -57,9 +88,15 @@ impl Contents<'_> {
         let mut layout = Layout {
             paper: Paper::new(),
             y: 0.0,
+            key_end: 0.0,
             of: Text::default(),
+            sizes: &USUAL,
         };
         for section in &self.sections {
+            layout.sizes = match section.kind {
+                SectionKind::Appendix => &SMALL,
+                SectionKind::Front | SectionKind::Finding => &USUAL,
+            };
             layout.of = section.name();
             layout.begin_page();
             for block in &section.blocks {
@@ -103,8 +140,8 @@ impl Section<'_> {
     /// The heading of a finding; of all others, nothing.
     fn name(&self) -> Text {
         match self.blocks.first() {
-            Some(Block::Heading(text)) if self.is_finding => {
-                Text::of(text, true).cut(BODY, WIDTH_MM)
+            Some(Block::Heading(text)) if self.kind == SectionKind::Finding => {
+                Text::of(text, true).cut(USUAL.body, WIDTH_MM)
             }
             _ => Text::default(),
         }
@@ -115,14 +152,17 @@ impl Section<'_> {
 struct Layout<'a> {
     paper: Paper<'a>,
     y: f64,
+    /// Where the picture at the right of the page ends; at its head, if there is none.
+    key_end: f64,
     /// The finding that is laid out.
     of: Text,
+    sizes: &'static Sizes,
 }
 
 impl<'a> Layout<'a> {
     fn begin_page(&mut self) {
         self.paper.add_page();
-        self.y = HEAD_MM;
+        (self.y, self.key_end) = (HEAD_MM, HEAD_MM);
     }
 
     fn page(&self) -> usize {
@@ -135,8 +175,8 @@ impl<'a> Layout<'a> {
             self.begin_page();
             let name = std::mem::take(&mut self.of);
             if !name.letters.is_empty() {
-                self.draw(&name, [MARGIN_MM, self.y], BODY);
-                self.y += LEADING * BODY + 1.5;
+                self.draw(&name, [MARGIN_MM, self.y], self.sizes.body);
+                self.y += LEADING * self.sizes.body + 1.5;
             }
             self.of = name;
         }
@@ -150,28 +190,44 @@ impl<'a> Layout<'a> {
     }
 
     fn block(&mut self, block: &Block<'a>) {
+        let Sizes {
+            heading,
+            subheading,
+            body,
+            ..
+        } = *self.sizes;
         match block {
             Block::Title(title) => self.lines(&Text::strong(title), TITLE, 1.0),
-            Block::Notice(notice) => self.lines(&Text::strong(notice), BODY, 2.0),
+            Block::Notice(notice) => self.lines(&Text::strong(notice), body, 2.0),
             Block::Warning(doubt, reasons) => self.warning(doubt, reasons),
-            Block::Heading(text) => self.heading(&Text::of(text, true), HEADING, 4.0),
-            Block::Subheading(text) => self.heading(&Text::of(text, true), SUBHEADING, 2.0),
-            Block::Text(text) => self.lines(&Text::of(text, false), BODY, 1.5),
+            Block::KeyPicture(picture) => self.key_picture(picture),
+            Block::Heading(text) => self.heading(&Text::of(text, true), heading, 4.0),
+            Block::Subheading(text) => self.heading(&Text::of(text, true), subheading, 2.0),
+            Block::Large(text) => self.lines(&Text::of(text, false), LARGE, 2.0),
+            Block::Text(text) => self.lines(&Text::of(text, false), body, 1.5),
             Block::List(lines) => {
                 for line in lines {
                     self.item(line);
                 }
             }
             Block::Facts(facts) => {
-                for row in &named(facts, WIDTH_MM).rows {
+                for row in &named(facts, WIDTH_MM, body).rows {
                     self.need(row.height);
                     self.row(row, MARGIN_MM);
                 }
                 self.y += 1.5;
             }
             Block::Table(table) => self.table(table),
-            Block::FactsAndTable(facts, table) => self.facts_and_table(facts, table),
-            Block::Pictures(side_mm, rows) => self.pictures(*side_mm, rows),
+            Block::Pictures(side_mm, rows) => self.pictures(*side_mm, rows, &[]),
+            Block::PicturesAndFacts(side_mm, rows, facts, table) => {
+                let cell = self.sizes.cell;
+                let room = WIDTH_MM - 2.0 * side_mm - GAP_MM - BESIDE_GAP_MM;
+                let table = table.iter().map(|table| Rows::of(table, room, self.sizes));
+                let facts = (!facts.is_empty()).then(|| named(facts, room, cell));
+                let beside: Vec<_> = facts.into_iter().chain(table).collect();
+                self.pictures(*side_mm, rows, &beside);
+            }
+            Block::Sign(fields) => self.sign(fields),
             Block::Overview(overview) => self.overview(overview),
         }
     }
@@ -183,9 +239,13 @@ impl<'a> Layout<'a> {
         self.paper.text(page, text, at, size, BLACK);
     }
 
-    /// Lines as wide as the page; one that does not fit goes to the next.
+    /// Lines as wide as the page, or as the picture at its right leaves it; one that does not fit goes to the next.
     fn lines(&mut self, text: &Text, size: f64, below: f64) {
-        for line in text.wrapped(size, WIDTH_MM) {
+        let width = match self.y < self.key_end {
+            true => WIDTH_MM - KEY_MM - BESIDE_GAP_MM,
+            false => WIDTH_MM,
+        };
+        for line in text.wrapped(size, width) {
             self.need(LEADING * size);
             self.draw(&line, [MARGIN_MM, self.y], size);
             self.y += LEADING * size;
@@ -201,16 +261,45 @@ impl<'a> Layout<'a> {
     }
 
     fn item(&mut self, line: &Line) {
-        let indent = 4.0;
-        let lines = Text::of(line, false).wrapped(BODY, WIDTH_MM - indent);
+        let (indent, size) = (4.0, self.sizes.body);
+        let lines = Text::of(line, false).wrapped(size, WIDTH_MM - indent);
         for (at, line) in lines.iter().enumerate() {
-            self.need(LEADING * BODY);
+            self.need(LEADING * size);
             if at == 0 {
-                self.draw(&Text::plain("•"), [MARGIN_MM + 1.0, self.y], BODY);
+                self.draw(&Text::plain("•"), [MARGIN_MM + 1.0, self.y], size);
             }
-            self.draw(line, [MARGIN_MM + indent, self.y], BODY);
-            self.y += LEADING * BODY;
+            self.draw(line, [MARGIN_MM + indent, self.y], size);
+            self.y += LEADING * size;
         }
+    }
+
+    /// A picture at the right, beside what follows.
+    fn key_picture(&mut self, picture: &Picture<'a>) {
+        let caption = Text::of(&picture.caption, false).wrapped(CAPTION, KEY_MM);
+        let height = picture_height(KEY_MM, caption.len());
+        self.need(height);
+        let at = [MARGIN_MM + WIDTH_MM - KEY_MM, self.y];
+        self.picture(picture, &caption, at, KEY_MM);
+        self.key_end = self.y + height + 2.0;
+    }
+
+    /// Fields side by side: what is there already, the line below it, and its name.
+    fn sign(&mut self, fields: &Facts) {
+        let (size, above) = (self.sizes.body, 10.0);
+        self.y = self.y.max(self.key_end);
+        self.need(above + LEADING * (size + CAPTION) + 1.0);
+        self.y += above;
+        let page = self.page();
+        let width = (WIDTH_MM + BESIDE_GAP_MM) / fields.len() as f64 - BESIDE_GAP_MM;
+        for (number, (name, value)) in fields.iter().enumerate() {
+            let x = MARGIN_MM + number as f64 * (width + BESIDE_GAP_MM);
+            let value = Text::of(value, false).cut(size, width);
+            self.draw(&value, [x, self.y], size);
+            let below = self.y + LEADING * size;
+            self.paper.rule(page, [x, below], width, BLACK);
+            self.draw(&Text::plain(name), [x, below + 0.5], CAPTION);
+        }
+        self.y += LEADING * (size + CAPTION) + 2.0;
     }
 
     /// What is wrong with the mask, in a frame.
@@ -219,15 +308,17 @@ impl<'a> Layout<'a> {
         let width = WIDTH_MM - 2.0 * inside;
         let reasons = reasons.iter().map(|reason| Text::plain(reason));
         let texts = std::iter::once(Text::strong(doubt)).chain(reasons);
-        let lines: Vec<_> = texts.flat_map(|text| text.wrapped(BODY, width)).collect();
-        let height = lines.len() as f64 * LEADING * BODY + 2.0 * inside;
+        let lines: Vec<_> = texts
+            .flat_map(|text| text.wrapped(USUAL.body, width))
+            .collect();
+        let height = lines.len() as f64 * LEADING * USUAL.body + 2.0 * inside;
         self.need(height);
         let page = self.page();
         let at = [MARGIN_MM, self.y];
         self.paper.frame(page, at, [WIDTH_MM, height]);
         for (number, line) in lines.iter().enumerate() {
-            let y = self.y + inside + number as f64 * LEADING * BODY;
-            self.draw(line, [MARGIN_MM + inside, y], BODY);
+            let y = self.y + inside + number as f64 * LEADING * USUAL.body;
+            self.draw(line, [MARGIN_MM + inside, y], USUAL.body);
         }
         self.y += height + 3.0;
     }
@@ -244,13 +335,14 @@ impl<'a> Layout<'a> {
         self.y += row.height;
         if let Some(width) = row.rule {
             let page = self.page();
-            self.paper.rule(page, [left, self.y], width);
+            self.paper.rule(page, [left, self.y], width, GREY);
         }
     }
 
     /// A table, with its head on every page.
     fn table(&mut self, table: &Table) {
-        let rows = Rows::of(table, WIDTH_MM);
+        self.y = self.y.max(self.key_end);
+        let rows = Rows::of(table, WIDTH_MM, self.sizes);
         let Some((head, rows)) = rows.rows.split_first() else {
             return;
         };
@@ -266,24 +358,8 @@ impl<'a> Layout<'a> {
         self.y += 2.0;
     }
 
-    fn facts_and_table(&mut self, facts: &Facts, table: &Table) {
-        let gap = 10.0;
-        let right = Rows::of(table, WIDTH_MM / 2.0);
-        let left = named(facts, WIDTH_MM - right.width - gap);
-        let height = left.height().max(right.height());
-        self.need(height);
-        let y = self.y;
-        let beside = MARGIN_MM + WIDTH_MM - right.width;
-        for (rows, x) in [(&left, MARGIN_MM), (&right, beside)] {
-            self.y = y;
-            for row in &rows.rows {
-                self.row(row, x);
-            }
-        }
-        self.y = y + height + 2.0;
-    }
-
-    fn pictures(&mut self, side_mm: f64, rows: &[Vec<Picture<'a>>]) {
+    /// Rows of pictures, and what stands at their right.
+    fn pictures(&mut self, side_mm: f64, rows: &[Vec<Picture<'a>>], beside: &[Rows]) {
         let caption = |picture: &Picture<'a>| {
             let caption = Text::of(&picture.caption, false);
             caption.wrapped(CAPTION, side_mm)
@@ -291,32 +367,50 @@ impl<'a> Layout<'a> {
         let captions = rows.iter().map(|row| row.iter().map(caption).collect());
         let captions: Vec<Vec<_>> = captions.collect();
         let height = |captions: &Vec<Vec<Text>>| {
-            let lines = captions.iter().map(Vec::len).max().unwrap_or(0) as f64;
-            side_mm + 0.5 + lines * LEADING * CAPTION + 1.5
+            let lines = captions.iter().map(Vec::len).max().unwrap_or(0);
+            picture_height(side_mm, lines) + 1.5
         };
-        self.need(captions.iter().map(height).sum::<f64>() - 1.5);
+        let of_pictures = captions.iter().map(height).sum::<f64>() - 1.5;
+        let of_rows = beside.iter().map(|rows| rows.height() + 3.0).sum();
+        self.need(of_pictures.max(of_rows));
+        let step = side_mm + GAP_MM;
+        let top = self.y;
+        for rows in beside {
+            for row in &rows.rows {
+                self.row(row, MARGIN_MM + WIDTH_MM - rows.room);
+            }
+            self.y += 3.0;
+        }
+        let end = std::mem::replace(&mut self.y, top);
         for (row, captions) in rows.iter().zip(&captions) {
-            let (page, y) = (self.page(), self.y);
             for (number, (picture, caption)) in row.iter().zip(captions).enumerate() {
-                let x = MARGIN_MM + number as f64 * (side_mm + GAP_MM);
-                self.paper.picture(page, picture, [x, y], side_mm);
-                for (number, line) in caption.iter().enumerate() {
-                    let y = y + side_mm + 0.5 + number as f64 * LEADING * CAPTION;
-                    self.draw(line, [x, y], CAPTION);
-                }
+                let at = [MARGIN_MM + number as f64 * step, self.y];
+                self.picture(picture, caption, at, side_mm);
             }
             self.y += height(captions);
+        }
+        self.y = self.y.max(end);
+    }
+
+    /// A picture above the lines of its caption.
+    fn picture(&mut self, picture: &Picture<'a>, caption: &[Text], [x, y]: [f64; 2], side_mm: f64) {
+        let page = self.page();
+        self.paper.picture(page, picture, [x, y], side_mm);
+        for (number, line) in caption.iter().enumerate() {
+            let y = y + picture_height(side_mm, number);
+            self.draw(line, [x, y], CAPTION);
         }
     }
 
     fn overview(&mut self, overview: &Overview<'a>) {
         let step = SMALL_PICTURE_MM + SMALL_GAP_MM;
-        let names = LEADING * CELL + 0.5;
+        let Sizes { heading, cell, .. } = *self.sizes;
+        let names = LEADING * cell + 0.5;
         let below = names + overview.rows.len() as f64 * step;
         let title = Text::strong(overview.title);
-        self.need(4.0 + LEADING * HEADING + 1.0 + below);
+        self.need(4.0 + LEADING * heading + 1.0 + below);
         self.space(4.0);
-        self.lines(&title, HEADING, 1.0);
+        self.lines(&title, heading, 1.0);
         let column = |number: usize| MARGIN_MM + ROW_NAME_MM + number as f64 * step;
         for (number, name) in overview.columns.iter().enumerate() {
             let name = Text::strong(name).cut(CAPTION, SMALL_PICTURE_MM);
@@ -324,7 +418,7 @@ impl<'a> Layout<'a> {
         }
         self.y += names;
         for (name, pictures) in &overview.rows {
-            self.draw(&Text::strong(name), [MARGIN_MM, self.y], CELL);
+            self.draw(&Text::strong(name), [MARGIN_MM, self.y], cell);
             let (page, y) = (self.page(), self.y);
             for (number, picture) in pictures.iter().enumerate() {
                 let at = [column(number), y];
@@ -335,9 +429,14 @@ impl<'a> Layout<'a> {
     }
 }
 
+/// The height of a picture with so many lines below it.
+fn picture_height(side_mm: f64, lines: usize) -> f64 {
+    side_mm + 0.5 + lines as f64 * LEADING * CAPTION
+}
+
 /// Rows that are laid out but not drawn.
 struct Rows {
-    width: f64,
+    room: f64,
     rows: Vec<Row>,
 }
 
@@ -357,23 +456,20 @@ struct Cell {
 }
 
 impl Rows {
-    /// A table, its head first. The widest column gives way where they do not all fit.
-    fn of(table: &Table, room: f64) -> Self {
+    /// A table, its head first. The widest columns give way where they do not all fit.
+    fn of(table: &Table, room: f64, sizes: &Sizes) -> Self {
         let head = table.head.iter().map(|name| Text::strong(name)).collect();
         let rows = table.rows.iter();
         let rows = rows.map(|row| row.iter().map(|cell| Text::of(cell, false)).collect());
         let rows: Vec<Vec<Text>> = std::iter::once(head).chain(rows).collect();
-        let mut widths = natural_widths(&rows, CELL);
+        let mut widths = natural_widths(&rows, sizes.cell);
         let gaps = COLUMN_GAP_MM * widths.len().saturating_sub(1) as f64;
-        let excess = widths.iter().sum::<f64>() + gaps - room;
-        let widest = widths.iter_mut().max_by(|a, b| a.total_cmp(b));
-        if let Some(widest) = widest.filter(|_| excess > 0.0) {
-            *widest -= excess;
-        }
+        fit(&mut widths, room - gaps);
         let width = widths.iter().sum::<f64>() + gaps;
-        let row = |texts: Vec<Text>| Row::of(&texts, &widths, (CELL, 0.5), Some(width));
+        let row =
+            |texts: Vec<Text>| Row::of(&texts, &widths, (sizes.cell, sizes.around), Some(width));
         Self {
-            width,
+            room,
             rows: rows.into_iter().map(row).collect(),
         }
     }
@@ -383,18 +479,35 @@ impl Rows {
     }
 }
 
-/// Names with values beside them, in a width.
-fn named(facts: &Facts, room: f64) -> Rows {
+/// Names with values beside them, in a width; names have little more than a third of it.
+fn named(facts: &Facts, room: f64, size: f64) -> Rows {
     let texts = facts.iter();
     let texts = texts.map(|(name, value)| vec![Text::strong(name), Text::of(value, false)]);
     let texts: Vec<_> = texts.collect();
-    let names = natural_widths(&texts, BODY).first().copied();
-    let names = names.unwrap_or(0.0);
+    let names = natural_widths(&texts, size).first().copied();
+    let names = names.unwrap_or(0.0).min(0.36 * room);
     let widths = [names, room - names - COLUMN_GAP_MM];
-    let row = |texts: Vec<Text>| Row::of(&texts, &widths, (BODY, 0.2), None);
+    let row = |texts: Vec<Text>| Row::of(&texts, &widths, (size, 0.2), None);
     Rows {
-        width: room,
+        room,
         rows: texts.into_iter().map(row).collect(),
+    }
+}
+
+/// Makes the widest columns as wide as each other, so that all have room.
+fn fit(widths: &mut [f64], room: f64) {
+    let mut sorted = widths.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let mut left = room;
+    for (at, width) in sorted.iter().enumerate() {
+        let share = left / (sorted.len() - at) as f64;
+        if *width > share {
+            widths
+                .iter_mut()
+                .for_each(|width| *width = width.min(share));
+            return;
+        }
+        left -= width;
     }
 }
 
@@ -437,7 +550,7 @@ mod tests {
     use render::{Frame, FrameSize, PixelFormat, encode_png};
 
     use super::*;
-    use crate::contents::{CUT_MM, Piece, SLICE_MM};
+    use crate::contents::{CUT_MM, Piece, SLICE_IN_PAIR_MM, SLICE_MM};
     use crate::pictures::{Shot, Shows};
 
     const SIDE: u32 = 240;
@@ -449,6 +562,7 @@ mod tests {
         Shot {
             png: encode_png(&frame, &[]).unwrap(),
             side: SIDE,
+            pixels_per_mm: 3.0,
             mark: Some([120.0, 120.0]),
             outline: vec![[100.0, 100.0], [130.0, 100.0], [130.0, 500.0]],
             is_closed: true,
@@ -492,7 +606,7 @@ mod tests {
             doubt: Some("Brain mask: CHECK IT".to_owned()),
             unprintable: "by its number",
             sections: vec![Section {
-                is_finding: false,
+                kind: SectionKind::Front,
                 blocks,
             }],
         }
@@ -556,44 +670,116 @@ mod tests {
     #[test]
     fn a_finding_that_needs_a_further_page_is_named_there() {
         let shot = shot(false);
-        for is_finding in [true, false] {
+        for kind in [SectionKind::Finding, SectionKind::Appendix] {
             let mut blocks = vec![Block::Heading("Finding 2: a mark".into())];
             let rows = (0..6).map(|_| Block::Pictures(41.0, vec![vec![picture(&shot)]]));
             blocks.extend(rows);
             let mut made = contents(blocks);
-            made.sections[0].is_finding = is_finding;
+            made.sections[0].kind = kind;
             let pages = pages(&made.pdf().unwrap());
             assert_eq!(pages.len(), 2);
             let name = shown("Finding 2: a mark");
             let named = pages.iter().map(|page| page.contains(&name));
+            let is_finding = kind == SectionKind::Finding;
             assert_eq!(named.collect::<Vec<_>>(), [true, is_finding]);
         }
     }
 
+    /// Where each page ends: the lower edge of its last picture, in mm.
+    fn ends(pdf: &[u8]) -> Vec<f64> {
+        let pages = pages(pdf);
+        let ends = |page: &String| {
+            let ends = places(page).map(|[_, y, width]| y + width);
+            ends.fold(0.0, f64::max)
+        };
+        pages.iter().map(ends).collect()
+    }
+
+    /// The pictures of a page: the upper left corner and the width of each, in mm.
+    fn places(page: &str) -> impl Iterator<Item = [f64; 3]> + use<'_> {
+        let matrices = page.lines().filter_map(|line| line.strip_suffix(" cm"));
+        matrices.filter_map(|matrix| {
+            let numbers: Vec<f64> = matrix.split(' ').map(|n| n.parse().unwrap()).collect();
+            let [scale, _, _, same, x, y] = numbers[..] else {
+                panic!("{matrix}");
+            };
+            (scale == same && scale > 0.0).then_some([x, y, scale * f64::from(SIDE)])
+        })
+    }
+
     #[test]
-    fn a_finding_with_a_sentence_has_one_page_and_its_pictures_have_the_width_of_it() {
+    fn a_finding_with_a_note_has_one_page_and_with_a_further_layer_two_that_are_full() {
         let shot = shot(false);
-        let facts = (0..9).map(|_| ("A fact", "a value".into())).collect();
-        let blocks = vec![
-            Block::Heading("Finding 1: a mark".into()),
-            Block::Facts(facts),
-            Block::Text("A sentence. ".repeat(12).into()),
-            rows(2, 2, CUT_MM, &shot),
+        let pairs = |rows: usize| {
+            let row = |_| vec![picture(&shot), picture(&shot)];
+            (0..rows).map(row).collect::<Vec<_>>()
+        };
+        let facts = || (0..12).map(|_| ("A fact", "a value".into())).collect();
+        let table = || Table {
+            head: vec!["", "Here", "Other side"],
+            rows: vec![
+                vec![
+                    "Blur at this point (z)".into(),
+                    "1.00".into(),
+                    "2.00".into()
+                ];
+                5
+            ],
+        };
+        let one_page = [
+            Block::PicturesAndFacts(CUT_MM, pairs(2), facts(), Some(table())),
             rows(1, 4, SLICE_MM, &shot),
         ];
-        let mut made = contents(blocks);
-        made.sections[0].is_finding = true;
-        assert_eq!(pages(&made.pdf().unwrap()).len(), 1);
-        // Rows that are compared are not divided, though one of two has room.
-        made.sections[0].blocks.pop();
-        made.sections[0].blocks.push(rows(2, 4, SLICE_MM, &shot));
-        let pages = pages(&made.pdf().unwrap());
-        let drawn = pages.iter().map(|page| page.matches(" Do").count());
-        assert_eq!(drawn.collect::<Vec<_>>(), [4, 8]);
-        for (count, side_mm) in [(3.0, CUT_MM), (4.0, SLICE_MM)] {
-            let width = count * (side_mm + GAP_MM) - GAP_MM;
-            assert!((0.9 * WIDTH_MM..=WIDTH_MM).contains(&width), "{width}");
+        let two_pages = [
+            Block::PicturesAndFacts(CUT_MM, pairs(3), facts(), None),
+            Block::PicturesAndFacts(SLICE_IN_PAIR_MM, pairs(4), Facts::new(), Some(table())),
+        ];
+        for (blocks, full) in [(one_page, vec![190.0]), (two_pages, vec![190.0, 220.0])] {
+            let first = [
+                Block::Heading("Finding 1: a mark".into()),
+                Block::Text("A sentence. ".repeat(40).into()),
+            ];
+            let mut made = contents(first.into_iter().chain(blocks).collect());
+            made.sections[0].kind = SectionKind::Finding;
+            let ends = ends(&made.pdf().unwrap());
+            assert_eq!(ends.len(), full.len());
+            assert!(
+                ends.iter().zip(&full).all(|(end, full)| end > full),
+                "{ends:?}"
+            );
         }
+        for (count, side_mm) in [(2.0, CUT_MM), (4.0, SLICE_MM)] {
+            let width = count * (side_mm + GAP_MM) - GAP_MM;
+            assert!(width <= WIDTH_MM, "{width}");
+        }
+    }
+
+    #[test]
+    fn text_beside_the_key_picture_leaves_it_free_and_a_table_stands_below() {
+        let shot = shot(false);
+        let table = Table {
+            head: vec!["Number"],
+            rows: vec![vec!["1".into()]],
+        };
+        let made = contents(vec![
+            Block::KeyPicture(picture(&shot)),
+            Block::Large("many words ".repeat(9).into()),
+            Block::Table(table),
+            Block::Sign(vec![
+                ("Reader", "A. Reader".into()),
+                ("Day", Line::default()),
+            ]),
+        ]);
+        let pages = pages(&made.pdf().unwrap());
+        let [left, top, width] = places(&pages[0]).next().unwrap();
+        assert!((width - KEY_MM).abs() < 0.1);
+        for text in pages[0].lines().filter_map(|line| line.strip_suffix(" Tm")) {
+            let numbers: Vec<f64> = text.split(' ').map(|n| n.parse().unwrap()).collect();
+            let is_beside = numbers[5] > top && numbers[5] < top + width;
+            // The letters in the picture have its own pixels.
+            assert!(!is_beside || numbers[4] < left, "{text}");
+        }
+        assert!(pages[0].contains(&shown("A. Reader")));
     }
 
     #[test]
@@ -612,7 +798,7 @@ mod tests {
         for _ in 0..7 {
             blocks.push(Block::Heading("A finding".into()));
             blocks.push(rows(1, 4, SLICE_MM, &shot));
-            blocks.push(rows(1, 3, CUT_MM, &flipped));
+            blocks.push(rows(1, 3, 55.0, &flipped));
         }
         blocks.push(overview(&shot));
         blocks.push(overview(&shot));
@@ -622,35 +808,23 @@ mod tests {
         let (mut pictures, mut turned) = (0, 0);
         let pages = pages(&pdf);
         for page in &pages {
-            for matrix in page.lines().filter_map(|line| line.strip_suffix(" cm")) {
-                let numbers: Vec<f64> = matrix
-                    .split(' ')
-                    .map(|number| number.parse().unwrap())
-                    .collect();
-                turned += usize::from(matrix == "-240 0 0 -240 240 240");
-                let [scale, _, _, same, x, y] = numbers[..] else {
-                    panic!("{matrix}");
-                };
-                if scale != same || scale <= 0.0 {
-                    continue;
-                }
-                let width = scale * f64::from(SIDE);
+            turned += page.matches("-240 0 0 -240 240 240 cm").count();
+            for [x, y, width] in places(page) {
                 let is_inside = x >= MARGIN_MM
                     && x + width <= PAGE_MM[0] - MARGIN_MM + 0.2
                     && y >= HEAD_MM
                     && y + width <= END_MM;
-                assert!(is_inside, "{matrix}");
+                assert!(is_inside, "{x} {y} {width}");
                 pictures += 1;
             }
         }
         assert_eq!([pictures, turned], [7 * 7 + 48, 7 * 3]);
-        // Nothing is encoded again.
+        // Nothing is encoded again, and what is shown twice is there once.
         let end = shot.png.len() - 16;
         let pixels = &shot.png[end - 4000..end - 4];
         let text = String::from_utf8_lossy(&pdf);
-        assert_eq!(text.matches("/Predictor 15").count(), pictures);
-        let found = split(&pdf, pixels).count() - 1;
-        assert_eq!(found, pictures);
+        assert_eq!(text.matches("/Predictor 15").count(), 2);
+        assert_eq!(split(&pdf, pixels).count() - 1, 2);
     }
 
     #[test]
@@ -666,6 +840,15 @@ mod tests {
     }
 
     #[test]
+    fn the_widest_columns_give_way() {
+        let mut widths = [10.0, 400.0, 85.0, 20.0];
+        fit(&mut widths, 180.0);
+        assert_eq!(widths, [10.0, 75.0, 75.0, 20.0]);
+        fit(&mut widths, 200.0);
+        assert_eq!(widths, [10.0, 75.0, 75.0, 20.0]);
+    }
+
+    #[test]
     fn a_table_repeats_its_head_and_fits_between_the_margins() {
         let row = |number: u32| {
             let label = Line(vec![Piece::Foreign("a long label ".repeat(14))]);
@@ -675,8 +858,9 @@ mod tests {
             head: vec!["Number", "Label"],
             rows: (0..60).map(row).collect(),
         };
-        let rows = Rows::of(&table, WIDTH_MM);
-        assert!(rows.width <= WIDTH_MM + 1e-6, "{}", rows.width);
+        for row in &Rows::of(&table, WIDTH_MM, &USUAL).rows {
+            assert!(row.rule.unwrap() <= WIDTH_MM + 1e-6);
+        }
         let pdf = contents(vec![Block::Table(table)]).pdf().unwrap();
         let pages = pages(&pdf);
         assert!(pages.len() > 1);

@@ -9,7 +9,7 @@ use super::deflate::deflated;
 use super::typeface::{self, Letter, Text, glyph};
 use crate::Error;
 use crate::contents::Picture;
-use crate::pictures::{PolyLine, Shot};
+use crate::pictures::{BAR, PolyLine, Shot};
 
 /// A page as wide as A4 and nearly as high as Letter, so that both hold all of it at its size.
 pub(crate) const PAGE_MM: [f64; 2] = [210.0, 279.0];
@@ -34,10 +34,12 @@ pub(crate) const GREY: Colour = [0.8; 3];
 const HALO: Colour = [0.0; 3];
 const MARK: Colour = [1.0, 0.69, 0.0];
 const LETTERS: Colour = [1.0, 0.824, 0.478];
+const WHITE: Colour = [1.0; 3];
 
-/// The widths of a mark and of a letter's border in a picture, in its pixels.
+/// The widths of a mark, of a bar and of a letter's border in a picture, in its pixels.
 const MARK_WIDTH: f32 = 2.0;
 const HALO_WIDTH: f32 = 4.0;
+const BAR_WIDTH: f32 = 3.0;
 const BORDER_WIDTH: f32 = 3.0;
 
 /// A page in the making.
@@ -131,9 +133,9 @@ impl<'a> Paper<'a> {
     }
 
     /// Draws a horizontal line.
-    pub(crate) fn rule(&mut self, page: usize, [x, y]: [f64; 2], width: f64) {
+    pub(crate) fn rule(&mut self, page: usize, [x, y]: [f64; 2], width: f64, colour: Colour) {
         let content = &mut self.pages[page].content;
-        let [red, green, blue] = GREY;
+        let [red, green, blue] = colour;
         content.set_stroke_rgb(red, green, blue);
         content.set_line_width(0.2);
         content.move_to(rounded(x), rounded(y));
@@ -159,12 +161,31 @@ impl<'a> Paper<'a> {
         width: f64,
     ) {
         let shot = picture.shot;
-        let name = format!("I{}", self.shots.len());
-        self.shots.push(shot);
-        let letters = shot.directions.each_ref().map(|letters| {
-            let text = Text::strong(letters);
-            (self.encoded(&text.letters), text.width(shot.letter_size()))
+        let known = self.shots.iter().position(|one| std::ptr::eq(*one, shot));
+        let number = known.unwrap_or_else(|| {
+            self.shots.push(shot);
+            self.shots.len() - 1
         });
+        let name = format!("I{number}");
+        let size = shot.letter_size();
+        let directions = shot.directions.iter().zip(shot.letter_places());
+        let directions = directions.map(|(letters, [x, y])| {
+            let text = Text::strong(letters);
+            // The middle of a capital is in the middle of its place.
+            let at = [x - text.width(size) / 2.0, y + 0.365 * size];
+            (text, at, size, LETTERS)
+        });
+        let bar = shot.bar();
+        let name_of_bar = bar.map(|[[x, y], _]| {
+            let at = [x, y - 0.3 * size];
+            (Text::strong(BAR), at, 0.75 * size, WHITE)
+        });
+        let letters = directions.chain(name_of_bar);
+        let letters = letters.map(|(text, at, size, colour)| {
+            let glyphs = self.encoded(&text.letters);
+            (glyphs, at, size, colour)
+        });
+        let letters: Vec<_> = letters.collect();
         let content = &mut self.pages[page].content;
         let side = shot.side as f32;
         let scale = rounded(width / f64::from(shot.side));
@@ -178,26 +199,31 @@ impl<'a> Paper<'a> {
         });
         content.x_object(Name(name.as_bytes())).restore_state();
         content.set_line_cap(LineCapStyle::ButtCap);
-        for (colour, width) in [(HALO, HALO_WIDTH), (MARK, MARK_WIDTH)] {
+        let bar = bar.map(|points| PolyLine {
+            points: points.to_vec(),
+            is_closed: false,
+        });
+        let marks = shot.lines();
+        for (colour, width, lines) in [
+            (HALO, HALO_WIDTH, &marks[..]),
+            (MARK, MARK_WIDTH, &marks[..]),
+            (WHITE, BAR_WIDTH, bar.as_slice()),
+        ] {
             let [red, green, blue] = colour;
             content.set_stroke_rgb(red, green, blue);
             content.set_line_width(width);
-            for line in shot.lines() {
-                trace(content, &line);
+            for line in lines {
+                trace(content, line);
             }
         }
-        let size = shot.letter_size();
-        let [red, green, blue] = LETTERS;
-        content.set_fill_rgb(red, green, blue);
-        for ((letters, width), [x, y]) in letters.iter().zip(shot.letter_places()) {
-            // The middle of a capital is in the middle of its place.
-            let at = [x - width / 2.0, y + 0.365 * size];
+        for (letters, at, size, [red, green, blue]) in letters {
+            content.set_fill_rgb(red, green, blue);
             content.set_stroke_rgb(HALO[0], HALO[1], HALO[2]);
             content.set_line_width(BORDER_WIDTH);
-            show(content, letters, at, size, TextRenderingMode::Stroke);
+            show(content, &letters, at, size, TextRenderingMode::Stroke);
             content.set_stroke_rgb(red, green, blue);
             content.set_line_width(rounded(STRONG * size));
-            show(content, letters, at, size, TextRenderingMode::FillStroke);
+            show(content, &letters, at, size, TextRenderingMode::FillStroke);
         }
         content.restore_state();
     }

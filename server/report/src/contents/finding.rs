@@ -1,0 +1,240 @@
+//! The pages of a finding.
+
+use case::findings::{Finding, FindingKind};
+use case::{CandidateFacts, MapName, PatientSide};
+use geometry::{flat_area_of, length_of};
+use glam::DVec3;
+
+use super::{
+    Block, CUT_MM, Facts, Line, Picture, SLICE_IN_PAIR_MM, SLICE_MM, Table, certainty_of, gyrus_of,
+    millimetres, position, side_of,
+};
+use crate::pictures::{Shot, Shows, Through};
+use crate::words::Words;
+use crate::{Numbers, Report, ReportedFinding, Values};
+
+/// So near to a place of a list a finding is of it, in mm.
+const SAME_PLACE_MM: f64 = 0.5;
+
+impl Report {
+    pub(super) fn finding<'a>(
+        &'a self,
+        words: &Words,
+        number: usize,
+        reported: &'a ReportedFinding,
+    ) -> Vec<Block<'a>> {
+        let ReportedFinding {
+            finding,
+            pictures,
+            numbers,
+        } = reported;
+        let name = format!("{} {number}", words.finding);
+        let heading = match finding.label.as_str() {
+            "" => name.into(),
+            label => Line::from(format!("{name}: ")).and_foreign(label),
+        };
+        let mut facts = vec![
+            (words.side, Line::strong(side_of(words, finding))),
+            (words.depth, millimetres(words, finding.depth_mm).into()),
+            (
+                words.position,
+                position(words, finding.middle_in_patient()).into(),
+            ),
+            (words.kind, words.kind(finding.kind).into()),
+        ];
+        if finding.gyrus.is_some() {
+            let name = gyrus_of(words, finding.gyrus);
+            facts.insert(1, (words.about_gyrus(), name.into()));
+        }
+        facts.extend(measures(words, finding));
+        let certainty = certainty_of(words, finding);
+        if !certainty.is_empty() {
+            facts.push((words.certainty, certainty.into()));
+        }
+        if let Some(map) = finding.from_map {
+            facts.push((words.map_of, words.map(map).into()));
+        }
+        if let Some((rank, place)) = self.place_of(finding) {
+            facts.extend(rank.map(|rank| (words.rank, rank.to_string().into())));
+            facts.extend([
+                (words.score, words.number(place.score, 2).into()),
+                (words.unusual, words.unusual(rank.and(place.unusual)).into()),
+                (words.size, self.size(words, finding).into()),
+                (words.region, words.region(place.region).into()),
+            ]);
+        }
+        if let Some(author) = &finding.author {
+            let time = finding.changed_at.as_deref();
+            let time = time.map(|time| format!(", {}", minute(time)));
+            let line = Line::foreign(author).and(time.unwrap_or_default());
+            facts.push((words.author, line));
+        }
+        let mut blocks = vec![Block::Heading(heading)];
+        if !finding.note.is_empty() {
+            blocks.push(Block::Text(Line::foreign(&finding.note)));
+        }
+        let table = numbers
+            .as_ref()
+            .map(|numbers| self.table_of(words, numbers));
+        let cut = |shot: &'a Shot| Picture {
+            shot,
+            caption: self.shown(words, reported, shot),
+        };
+        let rows = pictures.cuts.iter();
+        let cuts = rows.map(|row| row.iter().map(cut).collect()).collect();
+        let slice = |through: &Through, shot: &'a Shot| {
+            let mut caption = self.what(words, shot.shows);
+            caption = caption.and(format!(", {}", words.through(through)));
+            if let Through::Sulcus(_) = through {
+                let at = position(words, finding.middle_in_patient());
+                caption = caption.and(format!(", {at}"));
+            }
+            Picture { shot, caption }
+        };
+        let rows = pictures.slices.iter();
+        let rows = rows.map(|(through, shots)| shots.iter().map(|shot| slice(through, shot)));
+        blocks.extend(match self.layer {
+            None => [
+                Block::PicturesAndFacts(CUT_MM, cuts, facts, table),
+                Block::Pictures(SLICE_MM, vec![rows.flatten().collect()]),
+            ],
+            Some(_) => {
+                let pairs = rows.map(Iterator::collect).collect();
+                [
+                    Block::PicturesAndFacts(CUT_MM, cuts, facts, None),
+                    Block::PicturesAndFacts(SLICE_IN_PAIR_MM, pairs, Facts::new(), table),
+                ]
+            }
+        });
+        blocks
+    }
+
+    /// What a cut of a finding shows: of which volume, how deep, and of which side.
+    pub(super) fn shown(&self, words: &Words, reported: &ReportedFinding, shot: &Shot) -> Line {
+        let ReportedFinding {
+            finding, pictures, ..
+        } = reported;
+        let surface = match shot.is_flipped {
+            true => pictures.surface.mirrored(),
+            false => pictures.surface,
+        };
+        let inner_side = words.inner_side(surface);
+        let inner_side = inner_side.map_or(String::new(), |side| format!(", {side}"));
+        let depth = millimetres(words, pictures.depth_mm);
+        let side = match (shot.is_flipped, finding.side) {
+            (false, _) => side_of(words, finding),
+            (true, Some(PatientSide::Left)) => words.side(PatientSide::Right),
+            (true, Some(PatientSide::Right)) => words.side(PatientSide::Left),
+            (true, _) => words.other_side,
+        };
+        let how = if shot.is_flipped {
+            words.flipped
+        } else {
+            words.as_acquired
+        };
+        let line = self
+            .what(words, shot.shows)
+            .and(format!(", {depth}{inner_side}: "));
+        Line([line.0, Line::strong(side).0].concat()).and(format!(", {how}"))
+    }
+
+    /// The name of what a picture shows.
+    fn what(&self, words: &Words, shows: Shows) -> Line {
+        match (shows, &self.layer) {
+            (Shows::Anatomy, _) | (Shows::Layer, None) => words.anatomy.into(),
+            (Shows::Layer, Some(layer)) => Line::foreign(&layer.name),
+            (Shows::Map(map), _) => format!("{}, {}", words.anatomy, words.map(map)).into(),
+        }
+    }
+
+    /// The values here and on the other side.
+    fn table_of(&self, words: &Words, numbers: &Numbers) -> Table {
+        let value =
+            |value: Option<f32>| value.map_or("–".to_owned(), |value| words.number(value, 2));
+        let other = numbers.mirrored.as_ref();
+        let row = |name: Line, of: &dyn Fn(&Values) -> Option<f32>| {
+            let values = [of(&numbers.own), other.and_then(of)];
+            let [here, there] = values.map(value);
+            vec![name, here.into(), there.into()]
+        };
+        let intensity = |of| Line::from(format!("{}, ", words.intensity)).and(of);
+        let mut rows = vec![row(intensity(words.anatomy), &|values| values.intensity)];
+        if let Some(layer) = &self.layer {
+            let name = intensity("").and_foreign(&layer.name);
+            rows.push(row(name, &|values| values.of_layer));
+        }
+        let thickness = format!("{} (z)", words.thickness());
+        rows.extend([
+            row(words.blur.into(), &|values| values.blur),
+            row(thickness.into(), &|values| values.thickness),
+            row(words.sharpness.into(), &|values| values.sharpness),
+        ]);
+        Table {
+            head: vec!["", words.here, words.other_side],
+            rows,
+        }
+    }
+
+    /// How large a finding is: what was measured, or the size of its place.
+    pub(super) fn size(&self, words: &Words, finding: &Finding) -> String {
+        let place = self.place_of(finding).map(|(_, place)| place);
+        match (measures(words, finding).first(), place) {
+            (Some((_, size)), _) => size.plain(),
+            (None, Some(place)) => format!("{:.0} mm", place.size_mm),
+            (None, None) => "–".to_owned(),
+        }
+    }
+
+    /// The place of a list that a finding was made of, and its rank; elsewhere in the brain it has none.
+    pub(super) fn place_of(&self, finding: &Finding) -> Option<(Option<usize>, &CandidateFacts)> {
+        let (list, elsewhere): (_, &[_]) = match (finding.from_map?, &self.maps, &self.flair) {
+            (MapName::Flair, _, Some(Ok(flair))) => (flair, &[]),
+            (MapName::Blur, Ok(maps), _) => (&maps.blur, &maps.elsewhere),
+            (MapName::Thickness, Ok(maps), _) => (&maps.thickness, &[]),
+            _ => return None,
+        };
+        let ranked = (1..).map(Some).zip(&list.places);
+        let mut places = ranked.chain(elsewhere.iter().map(|place| (None, place)));
+        places.find(|(_, place)| is_of(finding, place))
+    }
+
+    pub(super) fn is_kept(&self, map: MapName, place: &CandidateFacts) -> bool {
+        let mut findings = self.findings.iter().map(|reported| &reported.finding);
+        findings.any(|finding| finding.from_map == Some(map) && is_of(finding, place))
+    }
+}
+
+/// Whether a finding was made of a place.
+fn is_of(finding: &Finding, place: &CandidateFacts) -> bool {
+    let [point] = finding.points_in_patient[..] else {
+        return false;
+    };
+    let apart = DVec3::from_array(point).distance(DVec3::from_array(place.position_in_patient));
+    apart < SAME_PLACE_MM
+}
+
+/// What can be measured of the points of a finding.
+fn measures(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
+    let points = &finding.points_in_patient;
+    let vectors: Vec<_> = points.iter().copied().map(DVec3::from_array).collect();
+    let length = (words.length, millimetres(words, length_of(&vectors)).into());
+    match (finding.kind, &**points) {
+        (FindingKind::Line, _) => vec![length],
+        (FindingKind::Trajectory, [entry, target]) => vec![
+            length,
+            (words.entry, position(words, *entry).into()),
+            (words.target, position(words, *target).into()),
+        ],
+        (FindingKind::Polygon, _) => {
+            let area = format!("{} mm²", words.number(flat_area_of(&vectors), 0));
+            vec![(words.area, area.into())]
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// A time (RFC 3339, UTC) to the minute.
+fn minute(time: &str) -> String {
+    let [day, clock] = [time.get(..10), time.get(11..16)].map(Option::unwrap_or_default);
+    format!("{day} {clock} UTC")
+}
