@@ -5,6 +5,7 @@ import type { Sphere } from "./case.ts";
 import {
   type Quat,
   type Vec3,
+  AXES,
   compose,
   cross,
   dot,
@@ -63,11 +64,6 @@ export function turnedPlane(plane: AcrossPlane, turn_deg: number): AcrossPlane {
 export const normalOf = ({ orientation }: Pick<AcrossPlane, "orientation">): Vec3 =>
   rotate(inverse(orientation), [0, 0, 1]);
 
-const AXES: readonly Vec3[] = [
-  [1, 0, 0],
-  [0, 1, 0],
-  [0, 0, 1],
-];
 /** The sine of the least angle between two planes that have a line in common to draw, and to be turned by. */
 const LEAST_SINE = 0.1;
 

@@ -137,8 +137,8 @@ export interface ReadyCase extends AnyCase {
   readonly envelope_ml: number;
   /** What zoom 1 fits into a picture. */
   readonly envelope_sphere: Sphere;
-  /** The plane between the hemispheres; absent where the case is older than its fitting. */
-  readonly midsagittal?: MirrorPlane;
+  /** The plane between the hemispheres. */
+  readonly midsagittal: MirrorPlane;
   /** The faces of the volume that cut the brain, their normals into the volume; absent if none does. */
   readonly cuts?: readonly MirrorPlane[];
   readonly intensity: Intensity;

@@ -4,7 +4,7 @@ import { type Depths, below } from "./isosurface.ts";
 import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
-import { type Vec3, length, subtract } from "./space.ts";
+import { type Vec3, distance, meanOf } from "./space.ts";
 import { plainLine, plainText } from "./text.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
@@ -72,11 +72,7 @@ export const signed = (finding: Finding, reader: string): Finding =>
   finding.author || reader === "" ? finding : { ...finding, author: reader };
 
 /** The middle of what was marked. */
-export function middleOf({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 {
-  const sum = (axis: 0 | 1 | 2): number => points_in_patient.reduce((all, point) => all + point[axis], 0);
-  const count = points_in_patient.length;
-  return [sum(0) / count, sum(1) / count, sum(2) / count];
-}
+export const middleOf = ({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 => meanOf(points_in_patient);
 
 /** What a reader wrote, without what the server adds. */
 const written = ({
@@ -149,7 +145,7 @@ const isRounded = (one: Finding, other: Finding): boolean =>
   isSame({ ...one, points_in_patient: other.points_in_patient, depth_mm: other.depth_mm }, other) &&
   Math.abs(one.depth_mm - other.depth_mm) < SAME_MM &&
   one.points_in_patient.length === other.points_in_patient.length &&
-  one.points_in_patient.every((point, at) => length(subtract(point, other.points_in_patient[at] ?? point)) < SAME_MM);
+  one.points_in_patient.every((point, at) => distance(point, other.points_in_patient[at] ?? point) < SAME_MM);
 
 /**
  * A list with those of a file behind it. What is there already is not added. What is there but says something else is kept as
@@ -265,7 +261,7 @@ export type Judgement = (typeof JUDGEMENTS)[number];
 /** So near to a place a finding is of it, in mm. */
 const SAME_PLACE_MM = 0.5;
 
-const isAt = (one: Vec3, other: Vec3): boolean => length(subtract(one, other)) < SAME_PLACE_MM;
+const isAt = (one: Vec3, other: Vec3): boolean => distance(one, other) < SAME_PLACE_MM;
 
 /** The newest finding in the middle of which a mark is. */
 export const findingAt = (findings: readonly Finding[], mark: Vec3): Finding | undefined =>

@@ -2,7 +2,19 @@
 // middle.
 
 import type { MirrorPlane } from "./case.ts";
-import { type Vec2, type Vec3, add, cross, dot, length, normalized, scale, subtract, transform } from "./space.ts";
+import {
+  type Vec2,
+  type Vec3,
+  add,
+  cross,
+  distance,
+  dot,
+  length,
+  normalized,
+  scale,
+  subtract,
+  transform,
+} from "./space.ts";
 import type { SurfaceName } from "./surfaces.ts";
 import type { Block } from "./wire.ts";
 
@@ -304,7 +316,7 @@ function typicalStep(size: Vec2, xyz: Float32Array): number {
   const stride = Math.max(1, Math.floor(count / 2000));
   for (let index = 0; index + 1 < count; index += stride) {
     const [here, there] = [pointOf(xyz, index), pointOf(xyz, index + 1)];
-    if (here && there) steps.push(length(subtract(there, here)));
+    if (here && there) steps.push(distance(there, here));
   }
   return steps.sort((a, b) => a - b)[steps.length >> 1] ?? 0;
 }

@@ -17,7 +17,7 @@ import {
 } from "../model/findings.ts";
 import { keyOf } from "../model/keys.ts";
 import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
-import { mirrorPlane, reflected, sideOf } from "../model/midsagittal.ts";
+import { reflected, sideOf } from "../model/midsagittal.ts";
 import { excessOf, plainLine, plainText } from "../model/text.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
 import { goToRow } from "../store/bring.ts";
@@ -189,7 +189,7 @@ function Item({ store, row, at, isStop }: OfRow & { readonly at: number | null; 
     item.current?.querySelector<HTMLElement>(".finding-label")?.focus();
   }, [findings.written.value, isOpen]);
   const judgement = judgementOf(row);
-  const side = place?.side ?? finding?.side ?? (finding && sideOf(middleOf(finding), mirrorPlane(shown))) ?? "unknown";
+  const side = place?.side ?? finding?.side ?? (finding && sideOf(middleOf(finding), shown.midsagittal)) ?? "unknown";
   const gyrus = gyrusWords(place?.gyrus ?? finding?.gyrus);
   const titled = (sideWords: string): string =>
     [finding && nounOf(finding), sideWords, gyrus].filter(Boolean).join(" ");
@@ -297,7 +297,7 @@ function WhyBars({ store, place }: OfStore & { readonly place: Candidate }) {
   const [why, setWhy] = useState<Why | null>(null);
   useEffect(() => {
     const { position_in_patient } = place;
-    const opposite = reflected(position_in_patient, mirrorPlane(store.shown));
+    const opposite = reflected(position_in_patient, store.shown.midsagittal);
     store.caseLayers.voxels("sharpness").then(
       (sharpness) => setWhy(whyAt(sharpness, position_in_patient, opposite)),
       () => {},

@@ -3,7 +3,6 @@
 import type { ReadyCase } from "../model/case.ts";
 import { type Centres, centresOf, surfacesOnMap } from "../model/flat-map.ts";
 import { type Depths, depthsOf } from "../model/isosurface.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { pictureSize } from "../model/query.ts";
@@ -272,7 +271,7 @@ class Cortex implements Surface {
   /** Finds the middles of the hemispheres, which the flat map is drawn around. */
   async #findCentres(field: FieldMaps["field"]): Promise<void> {
     try {
-      this.#centres = await patiently(centresOf(field, mirrorPlane(this.#case)), this.#gone.signal);
+      this.#centres = await patiently(centresOf(field, this.#case.midsagittal), this.#gone.signal);
       this.#told = "";
       this.#tell();
     } catch {

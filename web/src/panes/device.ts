@@ -1,7 +1,6 @@
 // The graphics context of a surface: taken, lost, restored, and filled with what has been fetched.
 
 import type { ReadyCase } from "../model/case.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { patiently } from "../base/patience.ts";
 import type { Vec2 } from "../model/space.ts";
 import type { Gl } from "../gl/gl.ts";
@@ -110,7 +109,7 @@ export class Device {
     const { envelope_sphere: sphere, cuts = [], grid } = this.#case;
     const painter = new Painter(this.gl, {
       sphere,
-      plane: mirrorPlane(this.#case),
+      plane: this.#case.midsagittal,
       native_spacing_mm,
       cuts,
       spacing_mm: grid.spacing_mm,

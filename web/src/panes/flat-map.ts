@@ -34,9 +34,8 @@ import {
 } from "../model/flat-map.ts";
 import { ARROWS } from "../model/keys.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
-import { type Vec2, type Vec3, add, dot, length, scale, subtract } from "../model/space.ts";
+import { type Vec2, type Vec3, add, dot, scale, distance } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { preferences } from "../store/preferences.ts";
@@ -294,7 +293,7 @@ export class MapPane {
   }
 
   #discs({ state, size }: Seen): readonly DiscProjection[] {
-    const discs = discsOf(this.#centres, mirrorPlane(this.#shown), state.map.has_inner);
+    const discs = discsOf(this.#centres, this.#shown.midsagittal, state.map.has_inner);
     return discs.map((disc) => projectDisc(disc, state.map, size));
   }
 
@@ -340,10 +339,10 @@ export class MapPane {
   #showCross({ state, size }: Seen, discs: readonly DiscProjection[], isKnown: boolean): void {
     const { crosshair_mm: marked } = state;
     const positions = this.#positions;
-    const projected = marked && isKnown ? (placeOnMap(discs, mirrorPlane(this.#shown), marked)?.place ?? null) : null;
+    const projected = marked && isKnown ? (placeOnMap(discs, this.#shown.midsagittal, marked)?.place ?? null) : null;
     const place = projected ?? (marked && positions && nearestPlace(positions, marked, 2 * HIDDEN_MM));
     const seen = place && positions ? shownAt(positions, place) : null;
-    const isHidden = seen && marked && length(subtract(seen, marked)) > HIDDEN_MM;
+    const isHidden = seen && marked && distance(seen, marked) > HIDDEN_MM;
     this.#overlay.cursor(place, size, { kind: isHidden ? "hidden" : "mark" });
   }
 
@@ -403,7 +402,7 @@ export class MapPane {
   /** Where the other pane looks: what faces the viewer there. */
   #showLooking({ orientation }: ViewState, discs: readonly DiscProjection[]): void {
     const towards = towardsViewer(orientation);
-    const { normal } = mirrorPlane(this.#shown);
+    const { normal } = this.#shown.midsagittal;
     const isLeft = dot(normal, towards) >= 0;
     const disc = discs.find(({ disc: { hemisphere, face } }) => face === "outer" && (hemisphere === "left") === isLeft);
     const position = disc && add(disc.disc.center_in_patient, towards);
@@ -522,6 +521,6 @@ export class MapPane {
 const onDisc =
   (disc: DiscProjection, discs: readonly DiscProjection[], shown: ReadyCase) =>
   (position: Vec3): Vec3 => {
-    const found = placeOnMap(discs, mirrorPlane(shown), position);
+    const found = placeOnMap(discs, shown.midsagittal, position);
     return found?.on === disc ? [...found.place, 1] : [0, 0, -1];
   };

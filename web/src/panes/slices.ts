@@ -6,7 +6,7 @@ import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
 import { thresholdWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
-import { mirrorPlane, reflected } from "../model/midsagittal.ts";
+import { reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
 import { wheelZoom } from "../model/controls.ts";
 import { type Marked, sliceMarks } from "../model/marks.ts";
@@ -262,7 +262,7 @@ export class SlicePane extends PlanePane {
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
   #twin(state: ViewState, view: SliceView, marked: Vec3 | null): Vec2 | null {
     if (!marked || !isMirrored(state) || this.plane === "sagittal") return null;
-    return slicePixel(view, this.shown.envelope_sphere, reflected(marked, mirrorPlane(this.shown)));
+    return slicePixel(view, this.shown.envelope_sphere, reflected(marked, this.shown.midsagittal));
   }
 
   /** Shows how the slice across the sulcus crosses this one; null: it does not. */

@@ -3,7 +3,6 @@
 
 import { mirrored } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
@@ -80,7 +79,7 @@ export class StandIn {
     const { envelope_sphere: sphere } = this.#case;
     if (isMirrored(state)) {
       const surface = mirroredSurface(state.surface);
-      return [state, { ...state, ...mirrored(state, mirrorPlane(this.#case), sphere), surface }];
+      return [state, { ...state, ...mirrored(state, this.#case.midsagittal, sphere), surface }];
     }
     return state.beside ? [leftOf(state), state] : [state];
   }

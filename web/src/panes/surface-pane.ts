@@ -6,7 +6,7 @@ import { type View, edgesOf, mirrored, project, towardsViewer, viewName } from "
 import type { MirrorPlane, ReadyCase } from "../model/case.ts";
 import { dragWindow, pan, pinch, turn, wheelZoom, zoomAt } from "../model/controls.ts";
 import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
-import { type SideSeen, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
+import { type SideSeen, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
@@ -201,7 +201,7 @@ export class SurfacePane {
   /** Which hemisphere each half shows, and which of them is flipped. */
   #tellSides(state: ViewState): void {
     const sphere = this.#shown.envelope_sphere;
-    const plane = mirrorPlane(this.#shown);
+    const plane = this.#shown.midsagittal;
     const side = sideShown(state, plane);
     this.#overlay.title(titleOf(state, state.orientation), t(`mirror.${side}`));
     const edges = edgesOf(mirrored(state, plane, sphere).orientation);
@@ -235,7 +235,7 @@ export class SurfacePane {
     const laid = [state, this.#marked, ...size, devicePixelRatio];
     if (laid.every((one, at) => one === this.#laid[at])) return;
     this.#laid = laid;
-    const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
+    const mirror = isMirrored(state) ? mirrored(state, this.#shown.midsagittal, sphere) : state;
     const [own, others] = [state.surface, isMirrored(state) ? mirroredSurface(state.surface) : state.surface];
     const marksOf = (surface: SurfaceName, view: View): readonly Mark[] =>
       surfaceMarks(this.#marksOn(surface), state.depth_mm, project(view, sphere, size));
@@ -252,7 +252,7 @@ export class SurfacePane {
   /** What is marked on a surface: what lies in the other half is not seen on one half, from whichever side. */
   #marksOn(surface: SurfaceName): readonly Marked[] {
     if (!isHalf(surface)) return this.#marked;
-    const plane = mirrorPlane(this.#shown);
+    const plane = this.#shown.midsagittal;
     const isOther = (point: Vec3): boolean => sideOf(point, plane) === mirroredSurface(surface);
     return this.#marked.filter(({ points_in_patient }) => !points_in_patient.every(isOther));
   }
@@ -270,9 +270,9 @@ export class SurfacePane {
       return this.#otherOverlay.cursor(this.#ghost, size, { kind: "ghost" });
     }
     const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
-    const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.#shown)))];
+    const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, this.#shown.midsagittal))];
     // Of the two halves the one that has the point in front: the other one has its mirror image.
-    const plane = mirrorPlane(this.#shown);
+    const plane = this.#shown.midsagittal;
     const seen = sideSeen(towardsViewer(state.orientation), plane);
     const isOtherHalf = sideOf(position, plane) === mirroredSurface(state.surface);
     const isFarther = seen !== "middle" && reflection[2] > own[2];
@@ -293,7 +293,7 @@ export class SurfacePane {
   #isHidden(position: Vec3, state: ViewState, place: Vec2, isOther: boolean): boolean {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
-    const view = isOther ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
+    const view = isOther ? mirrored(state, this.#shown.midsagittal, sphere) : state;
     const { pixelOf } = project(view, sphere, size);
     const height_mm = pixelOf(position)[2];
     const seen = this.surface.pick(state, ...place);

@@ -17,7 +17,7 @@ import {
   columnOf,
   valuesOf,
 } from "../model/measure.ts";
-import { type Vec3, length, subtract } from "../model/space.ts";
+import { type Vec3, distance } from "../model/space.ts";
 import { announce } from "./announce.ts";
 import type { Findings } from "./findings.ts";
 import type { View } from "./view.ts";
@@ -115,7 +115,7 @@ export class Measures {
     const tool = this.tool.peek();
     if (!tool || !position.every(Number.isFinite)) return;
     const last = this.#points.peek().at(-1);
-    if (last && length(subtract(position, last.position)) < SAME_MM) {
+    if (last && distance(position, last.position) < SAME_MM) {
       if (this.#isEnough(tool)) this.end();
       return;
     }
