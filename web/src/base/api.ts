@@ -1,5 +1,6 @@
 // The server's interface. A token lives in this module's memory alone.
 
+import { parsed } from "../model/text.ts";
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
@@ -151,23 +152,24 @@ export async function send(path: string, options: RequestInit = {}): Promise<Res
 export const ask = async <Answer>(path: string, options: RequestInit = { cache: "no-store" }): Promise<Answer> =>
   (await send(path, options)).json() as Promise<Answer>;
 
+/** The last part of a problem's type; empty if it has none. */
+export const kindOf = (problem: ProblemBody | undefined): string =>
+  String(problem?.type ?? "")
+    .split(":")
+    .at(-1) ?? "";
+
+/** What the server answers to a body of JSON. */
+export const post = <Answer>(path: string, body: unknown): Promise<Answer> =>
+  ask(path, { method: "POST", body: JSON.stringify(body) });
+
 /** Reads a problem+json body; another body is not shown. */
 export function problemFrom(status: number, headers: { get(name: string): string | null }, body: string): Problem {
-  let problem: ProblemBody = {};
-  if (headers.get("content-type")?.includes("json")) {
-    try {
-      problem = JSON.parse(body) as ProblemBody;
-    } catch {
-      // A body that is no JSON says nothing to the user; the status does.
-    }
-  }
-  const kind =
-    String(problem.type ?? "")
-      .split(":")
-      .at(-1) ?? "";
+  // A body that is no JSON says nothing to the user; the status does.
+  const isJson = headers.get("content-type")?.includes("json");
+  const problem = ((isJson && parsed(body)) || {}) as ProblemBody;
   return new Problem(
     status,
-    kind,
+    kindOf(problem),
     String(problem.detail ?? problem.title ?? ""),
     Number(headers.get("retry-after")) || 0,
     String(problem.reason ?? ""),
@@ -187,7 +189,7 @@ export function listCases(after: string | null, limit = 0): Promise<CasePage> {
 
 /** The newest cases with a part of a label, `limit` of them at most. */
 export async function findCases(label: string, limit: number): Promise<readonly Case[]> {
-  return (await ask<CasePage>("v1/cases/search", { method: "POST", body: JSON.stringify({ label, limit }) })).cases;
+  return (await post<CasePage>("v1/cases/search", { label, limit })).cases;
 }
 
 export async function allCases(): Promise<Case[]> {

@@ -31,14 +31,11 @@ export type DragDirection = (typeof DRAG_DIRECTIONS)[number];
 export const WHEEL_USES = ["zoom", "depth"] as const;
 export type WheelUse = (typeof WHEEL_USES)[number];
 
-/** A pane's width and height; in the layout `mirror` those of one half. */
-export type PaneSize = Vec2;
-
 /**
  * A drag by `move` pixels turns the head as a ball that rolls under the hand, about an axis in the plane of the
  * picture: no direction is special, so there is no pole. Half the smaller side is one radian.
  */
-export function turn(state: ViewState, move: Vec2, size: PaneSize): Change {
+export function turn(state: ViewState, move: Vec2, size: Vec2): Change {
   const [right, down] = move;
   const angle_rad = Math.hypot(right, down) / (0.5 * Math.min(...size));
   if (!(angle_rad > 0)) return {};
@@ -50,7 +47,7 @@ const panned = (x: number, y: number): Pick<ViewState, "pan_mm"> => ({
 });
 
 /** A drag by `move` pixels takes the head with it. */
-export function pan(state: View, shown: ReadyCase, move: Vec2, size: PaneSize): Pick<ViewState, "pan_mm"> {
+export function pan(state: View, shown: ReadyCase, move: Vec2, size: Vec2): Pick<ViewState, "pan_mm"> {
   const { mm_per_pixel } = project(state, shown.envelope_sphere, size);
   return panned(state.pan_mm[0] + move[0] * mm_per_pixel, state.pan_mm[1] - move[1] * mm_per_pixel);
 }
@@ -61,7 +58,7 @@ export function zoomAt(
   shown: ReadyCase,
   factor: number,
   place: Vec2,
-  size: PaneSize,
+  size: Vec2,
 ): Pick<ViewState, "zoom" | "pan_mm"> {
   const zoom = clamp(state.zoom * factor, ...ZOOM_RANGE);
   const before = project(state, shown.envelope_sphere, size).mm_per_pixel;
@@ -89,8 +86,7 @@ export function zoomMap(
   const zoom = clamp(map.zoom * factor, ...MAP_ZOOM_RANGE);
   const grown = zoom / map.zoom;
   const shift: Vec2 = [away[0] * (1 - grown), away[1] * (1 - grown)];
-  const moved = panMap({ map: { ...map, zoom } }, shift, pixels_per_unit * grown);
-  return moved;
+  return panMap({ map: { ...map, zoom } }, shift, pixels_per_unit * grown);
 }
 
 /** The pixels of a drag that change the window by the case's own width. */
@@ -134,17 +130,18 @@ export interface Pinch {
 }
 
 /** The head follows two fingers: zoomed by their distance, moved by their middle. */
-export function pinch(
-  state: View,
-  shown: ReadyCase,
-  { from, to }: Pinch,
-  size: PaneSize,
-): Pick<ViewState, "zoom" | "pan_mm"> {
+export function pinch(state: View, shown: ReadyCase, fingers: Pinch, size: Vec2): Pick<ViewState, "zoom" | "pan_mm"> {
+  const { factor, about, move } = pinched(fingers);
+  const zoomed = { ...state, ...zoomAt(state, shown, factor, about, size) };
+  return { zoom: zoomed.zoom, ...pan(zoomed, shown, move, size) };
+}
+
+/** By what two fingers zoom, about which place, and how far their middle moves. */
+export function pinched({ from, to }: Pinch): { readonly factor: number; readonly about: Vec2; readonly move: Vec2 } {
   const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
   const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
   const [before, after] = [middle(from), middle(to)];
-  const zoomed = { ...state, ...zoomAt(state, shown, apart(to) / apart(from), before, size) };
-  return { zoom: zoomed.zoom, ...pan(zoomed, shown, [after[0] - before[0], after[1] - before[1]], size) };
+  return { factor: apart(to) / apart(from), about: before, move: [after[0] - before[0], after[1] - before[1]] };
 }
 
 /** Browsers that count lines have three of them to a notch, the others 100 or 120 pixels. */

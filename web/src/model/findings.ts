@@ -5,7 +5,7 @@ import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
 import { type Vec3, distance, meanOf } from "./space.ts";
-import { plainLine, plainText } from "./text.ts";
+import { parsed, plainLine, plainText } from "./text.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
 export type Certainty = (typeof CERTAINTIES)[number];
@@ -170,12 +170,7 @@ export function joined(
 
 /** The text of a file as findings; null if it is no list of them. The server checks the values. */
 export function readFindings(text: string): readonly Finding[] | null {
-  let list: unknown;
-  try {
-    list = (JSON.parse(text) as { readonly findings?: unknown } | null)?.findings;
-  } catch {
-    return null;
-  }
+  const list = (parsed(text) as { readonly findings?: unknown } | null)?.findings;
   if (!Array.isArray(list)) return null;
   const findings = list.map(readFinding);
   return findings.every((one) => one !== null) ? findings : null;

@@ -15,8 +15,6 @@ export interface Picked {
   readonly depth_mm: number;
   /** Null where it is not known (yet). */
   readonly intensity: number | null;
-  /** Outwards, of length 1. */
-  readonly normal_in_patient: Vec3;
   /** Whether it was seen in the half that shows the head mirrored. */
   readonly isFlipped: boolean;
 }
@@ -54,11 +52,6 @@ export class Points {
     this.#volume = volume;
   }
 
-  /** The same points with the intensities of another block. */
-  within(volume: Sampler): Points {
-    return new Points(this.#case, this.depths, volume);
-  }
-
   /**
    * What is seen at a place of a pane of `size`, of which each half can be a view; else null. `other` are the points of the surface
    * in the mirrored half.
@@ -83,7 +76,6 @@ export class Points {
       position_in_patient: position,
       depth_mm: state.depth_mm,
       intensity: Number.isNaN(intensity) ? null : intensity,
-      normal_in_patient: scale(this.depths.inwardAt(position), -1),
       isFlipped: isMirror,
     };
   }

@@ -16,7 +16,7 @@ import {
   boundOutlines,
   clampDepth,
 } from "./state.ts";
-import { plainLine } from "./text.ts";
+import { parsed, plainLine } from "./text.ts";
 
 /** As many as there are keys. */
 export const MOST_LAYOUTS = 9;
@@ -67,12 +67,7 @@ export function recalled(saved: SavedLayout, state: ViewState, shown: ReadyCase)
 
 /** The stored text as layouts; what is not understood is left out. */
 export function readLayouts(text: string | null): readonly SavedLayout[] {
-  let stored: unknown = [];
-  try {
-    stored = JSON.parse(text ?? "[]");
-  } catch {
-    // Another program's text, or a damaged one.
-  }
+  const stored = parsed(text);
   return (Array.isArray(stored) ? stored : []).flatMap((one: unknown) => readLayout(one) ?? []).slice(0, MOST_LAYOUTS);
 }
 

@@ -1,6 +1,6 @@
 // What is asked of the server for many pictures in one file: pure.
 
-import { VIEW_NAMES, type ViewName } from "./camera.ts";
+import type { ViewName } from "./camera.ts";
 import { type RenderState, renderQuery } from "./query.ts";
 import type { Vec2 } from "./space.ts";
 import type { SweepChoice } from "./sweep.ts";
@@ -58,5 +58,3 @@ export function sweepBody(state: RenderState, choice: SweepChoice, step_mm: numb
   const pictures = { from_mm, to_mm, frames, delay_ms, there_and_back: turns, average_shallow: state.averages_shallow };
   return { sweep: { ...pictures, render: { ...render, ...slab } } };
 }
-
-export const SHEET_VIEWS: readonly ViewName[] = VIEW_NAMES;

@@ -87,19 +87,24 @@ export function pinchedSlice(view: SliceView, shown: ReadyCase, { from, to }: Pi
   return pinch(sliceCamera(view), shown, { from: both(from), to: both(to) }, view.size);
 }
 
+/** How a picture lies in its pane; only one of a standard plane may be flipped. */
+export type Lying = Pick<SliceView, "placing" | "size"> & Partial<Pick<SliceView, "plane" | "convention">>;
+
 /** How a picture of one placing is laid so that it shows another: scaled about its middle, then moved by pixels. */
 export function laid(
-  drawn: SliceView,
-  wanted: SliceView,
-  sphere: Sphere,
+  drawn: Lying,
+  wanted: Lying,
+  { radius_mm }: Sphere,
 ): { readonly scale: number; readonly move: Vec2 } {
-  const [before, now] = [sliceMmPerPixel(drawn, sphere), sliceMmPerPixel(wanted, sphere)];
+  const mmPerPixel = ({ placing, size }: Lying): number => (2 * radius_mm) / (placing.zoom * Math.min(...size));
+  const [before, now] = [mmPerPixel(drawn), mmPerPixel(wanted)];
   const scale = before / now;
   const [x, y] = [0, 1].map((axis) => {
     const [from, to] = [drawn.placing.pan_mm[axis] ?? 0, wanted.placing.pan_mm[axis] ?? 0];
     return to / now - (from / before) * scale;
   }) as [number, number];
-  return { scale, move: [isFlipped(wanted.plane, wanted.convention) ? -x : x, -y] };
+  const { plane = "sagittal", convention = "radiological" } = wanted;
+  return { scale, move: [isFlipped(plane, convention) ? -x : x, -y] };
 }
 
 /** The pixel of the pane at which a position is seen, if it lay in the slice. */

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { ask } from "../base/api.ts";
+import { ask, post } from "../base/api.ts";
 import { type Key, known, moment, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -183,10 +183,7 @@ function Item({ one, chosen, put }: ItemProps) {
     wasTaken.current = true;
     say(t("arrival.taking"));
     try {
-      let now = await ask<Arrival>(`v1/arrivals/${one.id}`, {
-        method: "POST",
-        body: JSON.stringify({ as, allow_gaps }),
-      });
+      let now = await post<Arrival>(`v1/arrivals/${one.id}`, { as, allow_gaps });
       while (now.state === "receiving" && item.current) {
         await wait(LOOK_AGAIN_MS);
         now = await ask<Arrival>(`v1/arrivals/${one.id}`);

@@ -17,7 +17,7 @@ import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import type { Case } from "../model/case.ts";
-import { doubtsOf, qualityOf } from "../model/quality.ts";
+import { doubtsOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
 import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { firstState } from "../model/state.ts";
@@ -169,8 +169,8 @@ function Row({ one, alike, place, isOpen, isHidden, flag, choose, remove }: RowP
   const version = versionOf(one);
   const apart = toldApart(one, alike);
   const isReady = one.state === "ready";
-  const quality = isReady ? qualityOf(one) : null;
-  const doubts = quality ? doubtsOf(quality) : [];
+  const quality = isReady ? one.quality : undefined;
+  const doubts = doubtsOf(quality);
   const [begins, ends] = titleParts(caseTitle(one));
   return (
     <li

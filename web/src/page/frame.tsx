@@ -6,7 +6,7 @@ import { getPicture, handOver, plainName } from "../base/api.ts";
 import { caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { keyOf } from "../model/keys.ts";
-import { doubtsOf, qualityOf } from "../model/quality.ts";
+import { doubtsOf } from "../model/quality.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { announced } from "../store/announce.ts";
@@ -238,8 +238,8 @@ function Others({ app }: OfApp) {
 /** A warning before a picture whose sides or mask are doubtful. */
 function Verdict({ viewer }: { readonly viewer: Viewer }) {
   const { shown } = viewer.store;
-  const quality = qualityOf(shown);
-  const doubts = quality ? doubtsOf(quality) : [];
+  const { quality } = shown;
+  const doubts = doubtsOf(quality);
   // Beside another case that has one, it keeps its room.
   if (!quality || doubts.length === 0) return <div class="quality" hidden />;
   return (

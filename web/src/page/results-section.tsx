@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { ask, postForFile, send } from "../base/api.ts";
+import { ask, post, postForFile, send } from "../base/api.ts";
 import { known, moment, spoken, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -152,8 +152,7 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
     say(t("pacs.saved"));
   };
   const deliver = async (): Promise<void> => {
-    const options = { method: "POST", body: JSON.stringify({ ...body, node }) };
-    let result = await ask<Sending>(path, options);
+    let result = await post<Sending>(path, { ...body, node });
     while (isOpen.current && (result.state === "queued" || result.state === "running")) {
       say(sendingWords(result));
       await wait(LOOK_AGAIN_MS);

@@ -42,6 +42,7 @@ interface Seen {
   readonly mark: Vec3;
   readonly turn_deg: number;
   readonly placing: Placing;
+  readonly size: Vec2;
 }
 
 interface Drawn {
@@ -114,7 +115,7 @@ export class AcrossPane extends PlanePane {
 
   #seen(state: ViewState): Seen | null {
     const { crosshair_mm: mark, across_deg: turn_deg } = state;
-    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.placing } : null;
+    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.placing, size: this.size } : null;
   }
 
   #path({ state, mark, turn_deg }: Seen, size: Vec2): string {
@@ -154,7 +155,8 @@ export class AcrossPane extends PlanePane {
       this.overlay.marks([], this.size);
       return;
     }
-    this.#lay(drawn.placing);
+    const { placing, size } = drawn;
+    this.lie({ placing, size }, { placing: this.placing, size: this.size });
     this.overlay.letter(edgesOf(plane.orientation));
     this.overlay.scale(projection.mm_per_pixel, this.size[0]);
     const pixelOf = (point: Vec3): Vec2 => projection.pixelOf(point).slice(0, 2) as unknown as Vec2;
@@ -163,17 +165,6 @@ export class AcrossPane extends PlanePane {
     const inPlane = sliceMarks(this.marked, (point) => awayFrom(plane, point), pixelOf);
     this.overlay.marks(inPlane, this.size);
     this.sayHovered();
-  }
-
-  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
-  #lay(drawn: Placing): void {
-    const [width, height] = this.size;
-    const wanted = this.placing;
-    const mmPerPixel = (zoom: number): number =>
-      (2 * this.shown.envelope_sphere.radius_mm) / (zoom * Math.min(width, height));
-    const [before, now] = [mmPerPixel(drawn.zoom), mmPerPixel(wanted.zoom)];
-    const [x, y] = [0, 1].map((axis) => ((wanted.pan_mm[axis] ?? 0) - (drawn.pan_mm[axis] ?? 0)) / now);
-    this.image.style.transform = `translate(${x}px, ${-(y ?? 0)}px) scale(${before / now})`;
   }
 
   /** Where the patient is in the pane, in the plane of the picture that is up. */

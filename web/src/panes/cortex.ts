@@ -23,7 +23,7 @@ import { Device, fitsMemory, handOver } from "./device.ts";
 import { mapLooks, panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
-import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "../store/surface.ts";
+import type { Fallback, LoadProgress, Surface, SurfaceOptions } from "../store/surface.ts";
 
 /** The most device pixels for a CSS pixel: where software draws, and where a device does. */
 const SOFTWARE_RATIO = 1;
@@ -33,10 +33,8 @@ const MOST_SOFT_RATIO = 2;
 /** The larger side of a slice. */
 const MOST_SLICE_PIXELS = 1600;
 
-/** See `surface.ts`. */
-export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
-
-class Cortex implements Surface {
+/** See `surface.ts`; it fills `host`. */
+export class Cortex implements Surface {
   readonly #host: HTMLElement;
   readonly #case: ReadyCase;
   readonly #options: SurfaceOptions;

@@ -9,7 +9,7 @@ import { problemWords } from "../base/problem-words.ts";
 import { depthWords } from "../base/readout.ts";
 import { LETTERS, towardsViewer } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { panMap, wheelZoom, zoomMap } from "../model/controls.ts";
+import { panMap, pinched, zoomMap } from "../model/controls.ts";
 import {
   type Centres,
   type DiscProjection,
@@ -37,14 +37,12 @@ import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
 import { type Vec2, type Vec3, add, dot, scale, distance } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
-import { perform } from "../store/commands.ts";
-import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
 import type { Placed } from "./screenshot.ts";
-import { dragTheWindow } from "./slice-parts.ts";
+import { dragTheWindow, turnTheWheel } from "./slice-parts.ts";
 
 /** CSS pixels from one known position to the next. */
 const STEP = 2;
@@ -470,18 +468,13 @@ export class MapPane {
         if (kind === "window") dragTheWindow(store, move);
         else this.#pan(move);
       },
-      pinch: ({ from, to }) => {
-        const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
-        const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
-        const [before, after] = [middle(from), middle(to)];
-        this.#zoom(apart(to) / apart(from), before);
-        this.#pan([after[0] - before[0], after[1] - before[1]]);
+      pinch: (fingers) => {
+        const { factor, about, move } = pinched(fingers);
+        this.#zoom(factor, about);
+        this.#pan(move);
       },
-      wheel: (pixels, notches, place, event) => {
-        const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
-        if (!isDepth) this.#zoom(wheelZoom(event.ctrlKey ? pixels * 5 : pixels), place);
-        else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
-      },
+      wheel: (pixels, notches, place, event) =>
+        turnTheWheel(store, [pixels, notches, event], (factor) => this.#zoom(factor, place)),
       tap: (place) => this.#pick(place),
       pick: () => {},
       busy: (isBusy) => {

@@ -6,7 +6,7 @@ import { h, iconButton, setText } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { depthAtWords, positionWords } from "../base/readout.ts";
 import type { Marked } from "../model/marks.ts";
-import { CENTRED, type Placing } from "../model/slice-geometry.ts";
+import { CENTRED, type Lying, type Placing, laid } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
@@ -147,6 +147,21 @@ export abstract class PlanePane {
     this.image.replaceChildren(image);
     this.element.classList.remove("blank");
     Object.assign(this.element.dataset, facts);
+  }
+
+  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
+  protected lie(drawn: Lying, wanted: Lying): void {
+    const { scale, move } = laid(drawn, wanted, this.shown.envelope_sphere);
+    const [width, height] = drawn.size;
+    // The picture keeps its own size and shape, about the pane's middle.
+    Object.assign(this.image.style, {
+      inset: "auto",
+      left: `${(wanted.size[0] - width) / 2}px`,
+      top: `${(wanted.size[1] - height) / 2}px`,
+      width: `${width}px`,
+      height: `${height}px`,
+      transform: `translate(${move[0]}px, ${move[1]}px) scale(${scale})`,
+    });
   }
 
   /** Why the picture that is wanted cannot be had; null: it is up. */

@@ -15,7 +15,6 @@ import {
   followedSlice,
   type SliceView,
   isFlipped,
-  laid,
   movedSlice,
   pinchedSlice,
   reachOf,
@@ -31,14 +30,8 @@ import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
 import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
-import {
-  MOST_PIXELS,
-  MOST_SAVED_PIXELS,
-  type SliceLayer,
-  type SliceRole,
-  type Zoomed,
-  dragTheWindow,
-} from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceRole, type Zoomed, dragTheWindow } from "./slice-parts.ts";
+import type { MaskLayer } from "./mask-layer.ts";
 import { PlanePane } from "./plane-pane.ts";
 import { edgesWords, imageWords } from "./slice-words.ts";
 import { Trace } from "./trace.ts";
@@ -60,7 +53,7 @@ export class SlicePane extends PlanePane {
   readonly #legend = h("div", { class: "outlines", hidden: true });
   /** Of the close-up. */
   readonly #role: SliceRole | null;
-  #layer: SliceLayer | null = null;
+  #mask: MaskLayer | null = null;
   readonly #trace = new Trace((place) => this.#turn(place));
   #across: AcrossPlane | null = null;
   /** The mark that the slice was brought to, or that was put here by a hand. */
@@ -155,11 +148,11 @@ export class SlicePane extends PlanePane {
     this.setPlacing(followedSlice({ ...this.#view(state), placing: this.home }, this.shown, mark));
   }
 
-  /** Lays something over the slice, below what is written on it; null: nothing. */
-  lay(layer: SliceLayer | null): void {
-    this.#layer?.element.remove();
-    this.#layer = layer;
-    if (layer) this.overlay.element.prepend(layer.element);
+  /** Lays the outline of a mask over the slice, below what is written on it; null: none. */
+  lay(mask: MaskLayer | null): void {
+    this.#mask?.element.remove();
+    this.#mask = mask;
+    if (mask) this.overlay.element.prepend(mask.element);
     if (this.state) this.show(this.state);
   }
 
@@ -215,7 +208,7 @@ export class SlicePane extends PlanePane {
     const sphere = this.shown.envelope_sphere;
     const { state, view } = this.#seen(this.state);
     const drawn = this.#drawn;
-    if (drawn) this.#lay(drawn.view, view);
+    if (drawn) this.lie(drawn.view, view);
     this.image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
     this.overlay.letter(sliceEdges(this.plane, state.convention));
     const { position_mm } = view;
@@ -240,7 +233,7 @@ export class SlicePane extends PlanePane {
     this.overlay.twin(twin, view.size);
     this.#showMarks(view);
     this.#showTrace(view);
-    this.#layer?.show(view, sphere, this.outlined);
+    this.#mask?.show(view, sphere, this.outlined);
     this.#explain(state);
     this.range.setAttribute("aria-valuetext", `${place} ${more}`);
     if (!this.#role) return;
@@ -317,21 +310,6 @@ export class SlicePane extends PlanePane {
 
   #step(steps: number): void {
     if (this.state) this.slide(this.#center(this.state)[PLANES[this.plane].axis] + steps * STEP_MM);
-  }
-
-  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
-  #lay(drawn: SliceView, wanted: SliceView): void {
-    const { scale, move } = laid(drawn, wanted, this.shown.envelope_sphere);
-    const [width, height] = drawn.size;
-    // The picture keeps its own size and shape, about the pane's middle.
-    Object.assign(this.image.style, {
-      inset: "auto",
-      left: `${(wanted.size[0] - width) / 2}px`,
-      top: `${(wanted.size[1] - height) / 2}px`,
-      width: `${width}px`,
-      height: `${height}px`,
-      transform: `translate(${move[0]}px, ${move[1]}px) scale(${scale})`,
-    });
   }
 
   /** A mark that was put elsewhere is brought into the middle. */

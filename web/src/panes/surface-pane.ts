@@ -1,13 +1,14 @@
 // The pane of the surface: the picture, what stands on it, and the hands on it.
 
+import { dragTheWindow, turnTheWheel } from "./slice-parts.ts";
 import { effect } from "@preact/signals";
 
 import { type View, edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
 import type { MirrorPlane, ReadyCase } from "../model/case.ts";
-import { dragWindow, pan, pinch, turn, wheelZoom, zoomAt } from "../model/controls.ts";
+import { pan, pinch, turn, zoomAt } from "../model/controls.ts";
 import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
 import { type SideSeen, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
-import type { Picked, Probed } from "../model/points.ts";
+import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
 import { type SurfaceName, isHalf, isPart, mirroredSurface } from "../model/surfaces.ts";
@@ -17,9 +18,8 @@ import { t } from "../base/i18n.ts";
 import { depthWords } from "../base/readout.ts";
 import { leavePart } from "../store/bring.ts";
 import { perform, pick } from "../store/commands.ts";
-import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
-import { createSurface } from "./cortex.ts";
+import { Cortex } from "./cortex.ts";
 import { Cube } from "./cube.ts";
 import { type Gestures, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
@@ -94,7 +94,7 @@ export class SurfacePane {
       noPart: (problem) => leavePart(store, problem),
       serverOnly,
     };
-    this.surface = createSurface(this.host, shown, options);
+    this.surface = new Cortex(this.host, shown, options);
     store.paneSize = () => this.#whole;
     store.meet(this.surface);
     effect(() => void this.element.classList.toggle("large", store.large.value === "surface"));
@@ -122,10 +122,6 @@ export class SurfacePane {
     return this.#drawn && this.surface.pick(this.#drawn, ...place);
   }
 
-  probe(position: Vec3): Probed | null {
-    return this.surface.probe(position);
-  }
-
   /** Describes the surface for screen readers. */
   describe(words: string): void {
     setText(this.#keys, `${words} ${t("surface.keys")}`);
@@ -136,11 +132,6 @@ export class SurfacePane {
     const none = { layer: null, overlay: null, beside: null } as const;
     const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#store.view.now, ...none };
     return { surface, layer, overlay, window, beside };
-  }
-
-  /** Whether it is known where the surface is. */
-  get knowsSurface(): boolean {
-    return this.surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
   }
 
   async picture(ratio: number): Promise<CanvasImageSource> {
@@ -299,7 +290,7 @@ export class SurfacePane {
     const seen = this.surface.pick(state, ...place);
     if (seen) return Math.abs(pixelOf(seen.position_in_patient)[2] - height_mm) > HIDDEN_MM;
     // Until the surface is known, the far half of the head is behind it.
-    return !this.knowsSurface && height_mm < 0;
+    return this.surface.probe(position) === null && height_mm < 0;
   }
 
   // -- Hands
@@ -337,16 +328,13 @@ export class SurfacePane {
       drag: (kind, move) => {
         if (kind === "turn") view.change(turn(view.now, move, this.size()));
         else if (kind === "pan") view.change(pan(view.now, this.#shown, move, this.size()));
-        else view.change(dragWindow(view.now, this.#shown, move, preferences.peek().drag));
+        else dragTheWindow(store, move);
       },
       pinch: (fingers) => view.change(pinch(view.now, this.#shown, fingers, this.size())),
-      wheel: (pixels, notches, place, event) => {
-        // A pinch on a touchpad comes as a wheel with the control key.
-        const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
-        const zoom = wheelZoom(event.ctrlKey ? pixels * 5 : pixels);
-        if (!isDepth) view.change(zoomAt(view.now, this.#shown, zoom, this.#inHalf(place), this.size()));
-        else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
-      },
+      wheel: (pixels, notches, place, event) =>
+        turnTheWheel(store, [pixels, notches, event], (factor) =>
+          view.change(zoomAt(view.now, this.#shown, factor, this.#inHalf(place), this.size())),
+        ),
       tap: (place) => {
         const position = store.tool && this.pick(place)?.position_in_patient;
         if (position) store.tool?.add(position, "surface");

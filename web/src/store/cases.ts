@@ -8,7 +8,6 @@ import { spoken, t } from "../base/i18n.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { Progress } from "../base/progress.ts";
 import type { Case } from "../model/case.ts";
-import { qualityOf } from "../model/quality.ts";
 import { announce } from "./announce.ts";
 
 const IDLE_MS = 4000;
@@ -37,7 +36,7 @@ export type Order = (typeof ORDERS)[number];
 function rankOf(one: Case): number {
   if (one.state === "failed") return 0;
   if (one.state !== "ready") return 1;
-  return ["failed", "review"].indexOf(qualityOf(one)?.state ?? "") === -1 ? 3 : 2;
+  return (one.quality?.state ?? "ok") === "ok" ? 3 : 2;
 }
 
 /** The cases in an order; they come newest first. */

@@ -1,5 +1,6 @@
 // The places to look at that the maps list: asked for, gone through, and which of them a reader has seen.
 
+import { parsed } from "../model/text.ts";
 import { type ReadonlySignal, type Signal, computed, effect, signal, untracked } from "@preact/signals";
 
 import { reasonIn } from "../base/case-words.ts";
@@ -25,12 +26,8 @@ const seenKey = (id: string): string => `isocortex-seen-${id}`;
 
 /** The places that were looked at in this window, also before it was loaded again. */
 function readSeen(id: string): ReadonlySet<string> {
-  try {
-    const stored: unknown = JSON.parse(keptText("sessionStorage", seenKey(id)) ?? "[]");
-    return new Set(Array.isArray(stored) ? stored.filter((one) => typeof one === "string") : []);
-  } catch {
-    return new Set();
-  }
+  const stored = parsed(keptText("sessionStorage", seenKey(id)));
+  return new Set(Array.isArray(stored) ? stored.filter((one) => typeof one === "string") : []);
 }
 
 export const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();

@@ -5,7 +5,7 @@ import { signal } from "@preact/signals";
 import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
 import { keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
-import { plainLine } from "../model/text.ts";
+import { parsed, plainLine } from "../model/text.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
 /** The tabs of the panel. */
@@ -47,13 +47,8 @@ const renamed = (one: string): string => (/^panel\.(maps|findings)$/.test(one) ?
 
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
-  let stored: Partial<Record<keyof Preferences, unknown>> = {};
-  try {
-    const parsed: unknown = JSON.parse(text ?? "{}");
-    if (typeof parsed === "object" && parsed !== null) stored = parsed;
-  } catch {
-    // Another program's text, or a damaged one.
-  }
+  // Another program's text, or a damaged one, says nothing.
+  const stored = (parsed(text) ?? {}) as Partial<Record<keyof Preferences, unknown>>;
   return {
     language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
     theme: THEMES.find((one) => one === stored.theme) ?? "dark",

@@ -1,7 +1,6 @@
 // The pane that shows the cortex: what the page asks of whoever draws it. It holds its own canvas or picture, nothing
 // else of the page; what stands on the picture (letters, scale, cursor) the page puts there.
 
-import type { ReadyCase } from "../model/case.ts";
 import type { Centres } from "../model/flat-map.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Picked, Points, Probed } from "../model/points.ts";
@@ -101,6 +100,3 @@ export interface Surface {
   forgetLayer(name: string): void;
   dispose(): void;
 }
-
-/** Makes a surface in `host`, which it fills. */
-export type CreateSurface = (host: HTMLElement, shown: ReadyCase, options: SurfaceOptions) => Surface;
