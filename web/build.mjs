@@ -17,9 +17,15 @@ const common = {
   target: "es2022",
   jsx: "automatic",
   jsxImportSource: "preact",
-  loader: { ".glsl": "text" },
+  plugins: [{ name: "shaders", setup: (bundler) => bundler.onLoad({ filter: /\.glsl$/ }, shader) }],
   logLevel: "warning",
 };
+
+/** The text of a shader without the spaces that no compiler needs. */
+async function shader({ path: file }) {
+  const text = await readFile(file, "utf8");
+  return { loader: "text", contents: text.replace(/^\s+/gm, "").replace(/ ?([-+*/=<>&|?:,;(){}]+) ?/g, "$1") };
+}
 
 /** The documents: each has the head of `src/page.html`, the style sheet, and an entry of its own. */
 const DOCUMENTS = [

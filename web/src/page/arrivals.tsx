@@ -7,7 +7,7 @@ import { type Key, known, moment, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { Closing, End, open } from "./dialogs.tsx";
-import { Button, Choice, Quiet, Status } from "./fields.tsx";
+import { Button, Choice, Quiet, Search, Status } from "./fields.tsx";
 import { Rejections } from "./rejections.tsx";
 
 const STATES = ["receiving", "case", "layer", "nothing"] as const;
@@ -118,16 +118,7 @@ function Arrivals({ chosen }: { chosen(id: string): void }) {
   return (
     <>
       <div class="line">
-        <input
-          type="search"
-          id="arrival-text"
-          maxLength={100}
-          placeholder={t("arrivals.search")}
-          aria-label={t("arrivals.search")}
-          onInput={({ currentTarget }) => setText(currentTarget.value.trim())}
-          // Else it would close the list.
-          onKeyDown={(event) => event.key === "Enter" && event.preventDefault()}
-        />
+        <Search id="arrival-text" label={t("arrivals.search")} onSearch={setText} />
         <Choice
           id="arrival-state"
           label={t("arrivals.state")}

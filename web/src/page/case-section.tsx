@@ -12,7 +12,7 @@ import { type MaskBlock, decodeMask } from "../model/mask.ts";
 import { doubtsOf } from "../model/quality.ts";
 import { askText } from "./dialogs.tsx";
 import { fileStem } from "./export.ts";
-import { Button, type OfStore, Row, Section, Status, Ticked, Writing } from "./fields.tsx";
+import { Button, FileInput, type OfStore, Row, Section, Status, Ticked, Writing } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
 import { maskDialog } from "./server-picture.tsx";
 
@@ -188,18 +188,13 @@ function Version({
         {t("version.radius")}
         <input type="number" ref={radius} min={0} max={50} step={0.5} defaultValue={String(shown.closing_radius_mm)} />
       </label>
-      <label class="file">
-        {t("version.mask")}
-        <input
-          type="file"
-          accept=".nii,.gz"
-          onChange={({ currentTarget }) => setMask(currentTarget.files?.[0] ?? null)}
-        />
-        <span class="file-button" aria-hidden="true">
-          {t("upload.choose-files")}
-        </span>
-        <span class="quiet">{mask?.name ?? t("version.mask-hint")}</span>
-      </label>
+      <FileInput
+        label={t("version.mask")}
+        words={t("upload.choose-files")}
+        hint={mask?.name ?? t("version.mask-hint")}
+        accept=".nii,.gz"
+        onFiles={([file = null]) => setMask(file)}
+      />
       <Row>
         <button type="submit" disabled={isBusy}>
           {t("version.make")}

@@ -23,7 +23,7 @@ import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts
 import { firstState } from "../model/state.ts";
 import { type Cases, ORDERS } from "../store/cases.ts";
 import { mayWrite } from "../store/holder.ts";
-import { Choice, IconButton, Placed, Status } from "./fields.tsx";
+import { Choice, IconButton, Placed, Search, Status } from "./fields.tsx";
 import { useDrawn } from "./server-picture.tsx";
 
 /** A row that stays in sight for so long gets its picture. */
@@ -100,14 +100,7 @@ export function CaseList({ cases, remove }: ListProps) {
   return (
     <div class="case-list-box">
       <div class="line">
-        <input
-          type="search"
-          id="case-search"
-          maxLength={100}
-          placeholder={t("cases.search")}
-          aria-label={t("cases.search")}
-          onInput={({ currentTarget }) => (cases.search.value = currentTarget.value.trim())}
-        />
+        <Search id="case-search" label={t("cases.search")} onSearch={(typed) => (cases.search.value = typed)} />
         <Choice
           id="case-order"
           label={t("order.title")}

@@ -380,19 +380,25 @@ export const Typed = ({
   );
 };
 
-/** What is clicked in the place of a file input. */
+/** What is clicked in the place of a file input, below its label, and above what is to be known of it; a file may be chosen again. */
 export const FileInput = ({
   words,
+  label = <span class="visually-hidden">{words}</span>,
+  hint,
   onFiles,
   ...rest
-}: { readonly words: string; onFiles(files: readonly File[]): void } & FileAttributes) => (
+}: {
+  readonly words: string;
+  readonly label?: ComponentChildren;
+  readonly hint?: string;
+  onFiles(files: readonly File[]): void;
+} & FileAttributes) => (
   <label class="file">
-    <span class="visually-hidden">{words}</span>
+    {label}
     <input
       type="file"
       onChange={({ currentTarget }) => {
         onFiles([...(currentTarget.files ?? [])]);
-        // The same file may be chosen again.
         currentTarget.value = "";
       }}
       {...rest}
@@ -400,5 +406,43 @@ export const FileInput = ({
     <span class="file-button" aria-hidden="true">
       {words}
     </span>
+    {hint && <span class="quiet">{hint}</span>}
   </label>
+);
+
+/** A field that is searched by what is typed into it. */
+export const Search = ({
+  label,
+  onSearch,
+  ...rest
+}: { readonly label: string; onSearch(typed: string): void } & Attributes) => (
+  <input
+    type="search"
+    maxLength={100}
+    placeholder={label}
+    aria-label={label}
+    onInput={({ currentTarget }) => onSearch(currentTarget.value.trim())}
+    // In a dialog it would press a button.
+    onKeyDown={(event) => event.key === "Enter" && event.preventDefault()}
+    {...rest}
+  />
+);
+
+/** Something to know, which can be dismissed. */
+export const Remark = ({
+  name = "",
+  role = "status",
+  hidden = false,
+  dismiss,
+  children,
+}: {
+  readonly name?: string;
+  readonly role?: "status" | "note";
+  readonly hidden?: boolean;
+  dismiss(): void;
+} & Children) => (
+  <div class={`notice-line remark ${name}`.trimEnd()} role={role} hidden={hidden}>
+    {children}
+    <IconButton icon="close" label={t("notice.dismiss")} onClick={dismiss} />
+  </div>
 );

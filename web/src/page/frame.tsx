@@ -17,7 +17,7 @@ import type { App } from "./app.ts";
 import { arrivalsDialog } from "./arrivals.tsx";
 import { CaseList } from "./cases.tsx";
 import { helpDialog, holderDialog } from "./dialogs.tsx";
-import { Button, Buttons, IconButton, Placed } from "./fields.tsx";
+import { Button, Buttons, IconButton, Placed, Remark } from "./fields.tsx";
 import { Panel } from "./panel.tsx";
 import { maskDialog, useDrawn } from "./server-picture.tsx";
 import { settingsDialog } from "./settings.tsx";
@@ -225,13 +225,12 @@ function Others({ app }: OfApp) {
   if (!launched || launched.id !== app.viewer.value?.store.shown.id) return null;
   const { others: count } = launched;
   return (
-    <div class="notice-line remark others" role="status">
+    <Remark name="others" dismiss={() => (app.launched.value = null)}>
       <span>{count === 1 ? t("launch.one-other") : t("launch.others", { count: number(count) })}</span>
       <a href="launch?choose" onClick={() => app.chooseHead()}>
         {t("launch.choose")}
       </a>
-      <IconButton icon="close" label={t("notice.dismiss")} onClick={() => (app.launched.value = null)} />
-    </div>
+    </Remark>
   );
 }
 

@@ -139,7 +139,7 @@ function AboutPlaces({ store, list }: OfStore & { readonly list: PlacesOfMap }) 
       </>
     );
   }
-  const { state, reasons, reason_codes } = found.regions ?? { state: "ok", reasons: [], reason_codes: [] };
+  const { state, reasons, reason_codes } = found.regions;
   return (
     <>
       <Status class="nothing" words={list.nothingWords} />

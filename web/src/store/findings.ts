@@ -200,26 +200,16 @@ export class Findings {
   }
 
   change(id: string, change: Partial<Finding>): void {
-    this.#step(this.#list.map((one) => (one.id === id ? { ...one, ...change } : one)));
+    this.#edit(id, (one) => ({ ...one, ...change }));
   }
 
   rate(id: string, certainty: Finding["certainty"]): void {
-    this.#step(
-      this.#list.map((one) => {
-        const { certainty: _before, ...others } = one;
-        return one.id === id ? { ...others, ...(certainty && { certainty }) } : one;
-      }),
-    );
+    this.#edit(id, ({ certainty: _before, ...others }) => ({ ...others, ...(certainty && { certainty }) }));
   }
 
   /** The reader has looked at the place of a finding that was taken over. */
   confirm(id: string): void {
-    this.#step(
-      this.#list.map((one) => {
-        const { is_unconfirmed: _before, ...confirmed } = one;
-        return one.id === id ? confirmed : one;
-      }),
-    );
+    this.#edit(id, ({ is_unconfirmed: _before, ...confirmed }) => confirmed);
     announce(t("findings.confirmed"));
   }
 
@@ -303,6 +293,10 @@ export class Findings {
     this.#undone.value = [];
     // Whoever takes one of the doubled findings out has seen them.
     if (numbered(after).length < numbered(before).length) this.doubled.value = "";
+  }
+
+  #edit(id: string, edited: (finding: Finding) => Finding): void {
+    this.#step(this.#list.map((one) => (one.id === id ? edited(one) : one)));
   }
 
   #step(list: readonly Finding[]): void {
