@@ -53,19 +53,28 @@ export class Checklist {
   readonly #ms = new Map<string, number>();
   #shown: { readonly keys: readonly string[]; readonly since: number } | null = null;
 
-  /** This is on the screen from now on, with a mark in a lobe, if its lobe is known; null: nothing is. */
-  show(state: ViewState | null, now: number, lobe: LobeSide | null = null): void {
+  /** This is on the screen from now on, with a mark in a lobe, if its lobe is known, as a step of a protocol; null: nothing is. */
+  show(state: ViewState | null, now: number, lobe: LobeSide | null = null, step: string | null = null): void {
     const { keys = [], since = now } = this.#shown ?? {};
     const ms = Math.min(Math.max(now - since, 0), LONGEST_MS);
     for (const key of keys) this.#ms.set(key, (this.#ms.get(key) ?? 0) + ms);
     const looks = state && [...looksOf(state), ...(lobe && state.crosshair_mm ? [lobe] : [])];
-    this.#shown = looks && { keys: looks.map((look) => `${look} ${bandOf(state.depth_mm)}`), since: now };
+    const steps = step === null ? [] : [`step ${step}`];
+    this.#shown = looks && {
+      keys: [...looks.map((look) => `${look} ${bandOf(state.depth_mm)}`), ...steps],
+      since: now,
+    };
   }
 
   /** For how long it was looked at, in s; 0 if it was only passed by. */
   seconds(look: Look | LobeSide, band: Band): number {
     const ms = this.#ms.get(`${look} ${band}`) ?? 0;
     return ms < LEAST_MS ? 0 : Math.round(ms / 1000);
+  }
+
+  /** Whether a step of a protocol was looked at. */
+  hasStep(step: string): boolean {
+    return (this.#ms.get(`step ${step}`) ?? 0) >= LEAST_MS;
   }
 
   /** Nothing was looked at yet. */

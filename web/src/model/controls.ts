@@ -218,6 +218,8 @@ export type Command =
   | LayerCommand
   /** The next row of the list of places and findings, or the one before. */
   | { readonly kind: "row"; readonly steps: number }
+  /** The next step of the protocol, or the one before. */
+  | { readonly kind: "step"; readonly steps: number }
   /** About the place or finding at the mark. */
   | { readonly kind: "judge"; readonly judgement: Judgement }
   /** The saved layout of a number. */
@@ -241,6 +243,8 @@ export type Command =
         | "undo"
         | "redo"
         | "patient"
+        /** Nothing but the pictures, or all of the page. */
+        | "alone"
         /** The flat map, or on it the inner sides. */
         | "flat-map";
     };

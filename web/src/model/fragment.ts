@@ -27,15 +27,30 @@ import {
 /** What an address holds. */
 export type Address =
   | { readonly kind: "none" }
-  /** A case, and its state in a form that only the case can read. */
-  | { readonly kind: "case"; readonly id: string; readonly rest: string }
+  | OfCase
   /** Something that is no case. */
   | { readonly kind: "unknown" };
 
+/** A case, and its state in a form that only the case can read. */
+export interface OfCase {
+  readonly kind: "case";
+  readonly id: string;
+  readonly rest: string;
+  /** The finding that a link leads to; empty: none. */
+  readonly finding: string;
+}
+
+const FINDING = "finding=";
+
+/** The address of a finding, which leads to its place. */
+export const findingAddress = (id: string, finding: string): string => `#${id}&${FINDING}${finding}`;
+
 export function readAddress(fragment: string): Address {
   const text = fragment.replace(/^#/, "");
-  const [first = "", ...rest] = text.split("&");
-  if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest: rest.join("&") };
+  const [first = "", ...parts] = text.split("&");
+  const finding = parts.find((one) => one.startsWith(FINDING)) ?? "";
+  const rest = parts.filter((one) => one !== finding).join("&");
+  if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest, finding: finding.slice(FINDING.length) };
   return { kind: text === "" ? "none" : "unknown" };
 }
 

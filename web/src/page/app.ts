@@ -8,7 +8,7 @@ import { spoken, t } from "../base/i18n.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
-import { readAddress } from "../model/fragment.ts";
+import { type Address, type OfCase, readAddress } from "../model/fragment.ts";
 import { commandOf, recallOf } from "../model/keys.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { hasSlices } from "../model/state.ts";
@@ -145,7 +145,7 @@ export class App {
     this.cases.show(id);
     // What was shown without being named keeps its place, whatever else is added.
     if (chosen && address.kind === "none") history.replaceState(null, "", `#${chosen.id}`);
-    this.#show(chosen, address.kind === "case" ? address.rest : "");
+    this.#show(chosen, address);
   }
 
   /** The address was changed by Back, or by hand. */
@@ -157,7 +157,7 @@ export class App {
     const address = readAddress(location.hash);
     const { shown, remark } = viewer.store;
     if (viewer === before) {
-      if (address.kind === "case" && address.id === shown.id) viewer.restore(address.rest);
+      if (address.kind === "case" && address.id === shown.id) viewer.restore(address);
       return;
     }
     // Back and Forward also lead to other patients.
@@ -166,7 +166,7 @@ export class App {
     announce(remark.peek());
   }
 
-  #show(chosen: Case | null, rest: string): void {
+  #show(chosen: Case | null, address: Address): void {
     this.chosen.value = chosen;
     const ready = chosen?.state === "ready" ? chosen : null;
     const before = this.viewer.peek();
@@ -176,7 +176,8 @@ export class App {
     // What was said of the case before is not of this one.
     announced.value = "";
     noted.value = { ...noted.peek(), words: "" };
-    this.viewer.value = ready && new Viewer(ready, { rest, left: this.#memory.of(ready), serverOnly });
+    const { rest = "", finding = "" }: Partial<OfCase> = address.kind === "case" ? address : {};
+    this.viewer.value = ready && new Viewer(ready, { rest, finding, left: this.#memory.of(ready), serverOnly });
     // Where the list lies over the picture, it has been chosen from.
     if (ready && window.innerWidth < BESIDE_PIXELS) choose({ list: false });
   }

@@ -1,5 +1,6 @@
 // The one list of a reading: the places to look at and the findings, what is known of each, and what a reader writes about it.
 
+import type { Store } from "../store/store.ts";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { reasonIn } from "../base/case-words.ts";
@@ -15,6 +16,7 @@ import {
   middleOf,
   numbered,
 } from "../model/findings.ts";
+import { findingAddress } from "../model/fragment.ts";
 import { keyOf } from "../model/keys.ts";
 import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
 import { reflected, sideOf } from "../model/midsagittal.ts";
@@ -26,6 +28,7 @@ import { LIST_WORDS, type PlacesOfMap } from "../store/places.ts";
 import { choose, preferences } from "../store/preferences.ts";
 import type { Row as ListRow } from "../store/rows.ts";
 import { Chart } from "./chart.tsx";
+import { copied } from "./export.ts";
 import {
   Bar,
   Button,
@@ -285,11 +288,23 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
       </div>
       {finding && <Fields store={store} finding={finding} name={name} />}
       <Quiet>{facts.filter(Boolean).join(" · ")}</Quiet>
+      {finding && (
+        <Row>
+          <Button onClick={() => void link(store, finding)}>{t("findings.link")}</Button>
+        </Row>
+      )}
       {/* The sharpness of the boundary says nothing about the other maps. */}
       {place && list?.map === "blur" && <WhyBars store={store} place={place} />}
       {place && list?.open.value === place && <Chart store={store} />}
     </div>
   );
+}
+
+/** Copies the address of a finding, which the server has by then. */
+async function link({ shown, findings }: Store, { id }: Finding): Promise<void> {
+  const { href } = new URL(findingAddress(shown.id, id), location.href);
+  await findings.sync.flush().catch(() => {});
+  findings.status.value = await copied(href);
 }
 
 /** How sharp the boundary is at a place and around it, once the map is here: bars of one scale. */

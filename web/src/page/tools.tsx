@@ -42,7 +42,7 @@ const Tool = ({ onClick, ...face }: Face & { onClick(): void }) => (
 );
 
 export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
-  const { measures, findings, view, caseLayers, isBare } = store;
+  const { measures, findings, view, caseLayers, isBare, hasHand } = store;
   const state = view.state.value;
   const ofKind = (kind: Command["kind"]): string => keyOf((command) => command.kind === kind);
   const ofMap = (name: MapName): string => keyOf((command) => command.kind === "map" && command.name === name);
@@ -65,14 +65,26 @@ export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
   const canUndo = view.canUndo.value || findings.canUndo.value;
   const canRedo = view.canRedo.value || findings.canRedo.value;
   const isMeasuring = measures.tool.value !== null;
+  /** What a drag does, when the ruler is laid down. */
+  const take = (isHand: boolean): void => {
+    measures.choose(null);
+    hasHand.value = isHand;
+  };
   return (
     <div class="tools" role="group" aria-label={t("tool.label")}>
       <Tool
         icon="point"
         words="tool.point"
         about="tool.point.about"
-        isOn={!isMeasuring}
-        onClick={() => measures.choose(null)}
+        isOn={!isMeasuring && !hasHand.value}
+        onClick={() => take(false)}
+      />
+      <Tool
+        icon="move"
+        words="tool.move"
+        about="tool.move.about"
+        isOn={store.moves.value}
+        onClick={() => take(!store.moves.peek())}
       />
       <Menu {...menu("window", faceOf({ icon: "window", words: "panel.window" }))}>
         <WindowControls store={store} />
@@ -195,6 +207,9 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
         <Button onClick={() => serverPictureDialog(onScreen())}>{t("export.server")}</Button>
         <Button onClick={() => seriesDialog(onScreen(), store.sweep.choice.peek())}>{t("export.series")}</Button>
         {telling(t("export.copy"), copyAddress)}
+        <Button title={keyOf(({ kind }) => kind === "alone")} onClick={() => perform(store, { kind: "alone" })}>
+          {t("alone.show")}
+        </Button>
       </Row>
       <Status words={note} />
     </>

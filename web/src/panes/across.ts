@@ -201,24 +201,28 @@ export class AcrossPane extends PlanePane {
 
   #listen(): void {
     const view = () => acrossView({ orientation: [0, 0, 0, 1] }, this.placing);
-    listen(this.frame, {
-      tap: (place) => this.#tap(place),
-      drag: (kind, move) => {
-        if (kind === "window") return dragTheWindow(this.store, move);
-        if (kind === "turn" && this.store.tool) return;
-        this.place({ zoom: this.placing.zoom, ...pan(view(), this.shown, move, this.size) });
+    listen(
+      this.frame,
+      {
+        tap: (place) => this.#tap(place),
+        drag: (kind, move) => {
+          if (kind === "window") return dragTheWindow(this.store, move);
+          if (kind === "turn" && this.store.tool) return;
+          this.place({ zoom: this.placing.zoom, ...pan(view(), this.shown, move, this.size) });
+        },
+        pinch: (fingers) => this.place(pinch(view(), this.shown, fingers, this.size)),
+        wheel: (pixels, notches, place, event) => {
+          // A pinch on a touchpad comes as a wheel with the control key.
+          if (event.ctrlKey) this.place(zoomAt(view(), this.shown, wheelZoom(pixels * 2), place, this.size));
+          else if (notches !== 0) this.#turn(-notches, event.shiftKey);
+        },
+        pick: () => {
+          if (!this.store.tool) this.store.enlarge(this.name, true);
+        },
+        busy: () => {},
       },
-      pinch: (fingers) => this.place(pinch(view(), this.shown, fingers, this.size)),
-      wheel: (pixels, notches, place, event) => {
-        // A pinch on a touchpad comes as a wheel with the control key.
-        if (event.ctrlKey) this.place(zoomAt(view(), this.shown, wheelZoom(pixels * 2), place, this.size));
-        else if (notches !== 0) this.#turn(-notches, event.shiftKey);
-      },
-      pick: () => {
-        if (!this.store.tool) this.store.enlarge(this.name, true);
-      },
-      busy: () => {},
-    });
+      this.store.moves,
+    );
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       const steps = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[event.key];

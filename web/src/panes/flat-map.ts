@@ -463,24 +463,28 @@ export class MapPane {
 
   #listen(): void {
     const store = this.#store;
-    listen(this.element, {
-      drag: (kind, move) => {
-        if (kind === "window") dragTheWindow(store, move);
-        else this.#pan(move);
+    listen(
+      this.element,
+      {
+        drag: (kind, move) => {
+          if (kind === "window") dragTheWindow(store, move);
+          else this.#pan(move);
+        },
+        pinch: (fingers) => {
+          const { factor, about, move } = pinched(fingers);
+          this.#zoom(factor, about);
+          this.#pan(move);
+        },
+        wheel: (pixels, notches, place, event) =>
+          turnTheWheel(store, [pixels, notches, event], (factor) => this.#zoom(factor, place)),
+        tap: (place) => this.#pick(place),
+        pick: () => {},
+        busy: (isBusy) => {
+          store.isMoving.value = isBusy;
+        },
       },
-      pinch: (fingers) => {
-        const { factor, about, move } = pinched(fingers);
-        this.#zoom(factor, about);
-        this.#pan(move);
-      },
-      wheel: (pixels, notches, place, event) =>
-        turnTheWheel(store, [pixels, notches, event], (factor) => this.#zoom(factor, place)),
-      tap: (place) => this.#pick(place),
-      pick: () => {},
-      busy: (isBusy) => {
-        store.isMoving.value = isBusy;
-      },
-    });
+      store.moves,
+    );
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));
   }

@@ -359,64 +359,68 @@ export class SlicePane extends PlanePane {
     };
     let pressed: Vec2 = [0, 0];
     let pulled: Vec2 | null = null;
-    listen(this.frame, {
-      press: (kind, place, isFinger) => {
-        pressed = place;
-        pulled = null;
-        if (kind === "turn" && this.store.tool) {
-          if (isFinger) pulled = place;
-          else set(place);
-          return;
-        }
-        at = kind === "turn" ? place : null;
-        marked = null;
-        mayScroll = isFinger;
-        if (at && !isFinger) cross(at, false);
+    listen(
+      this.frame,
+      {
+        press: (kind, place, isFinger) => {
+          pressed = place;
+          pulled = null;
+          if (kind === "turn" && this.store.tool) {
+            if (isFinger) pulled = place;
+            else set(place);
+            return;
+          }
+          at = kind === "turn" ? place : null;
+          marked = null;
+          mayScroll = isFinger;
+          if (at && !isFinger) cross(at, false);
+        },
+        cancel: () => (at = pulled = null),
+        drag: (kind, move, place) => {
+          if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.store, move);
+          if (kind === "pan") {
+            if (this.state) this.place(movedSlice(this.#view(this.state), this.shown, move));
+            return;
+          }
+          const tool = this.store.tool;
+          if (tool) {
+            // A hand that clicks may tremble.
+            if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
+            return tool.hover(this.positionAt(place));
+          }
+          at = place;
+          // A finger that goes up or down may be taken away to scroll the page.
+          mayScroll &&= Math.abs(move[1]) >= Math.abs(move[0]);
+          if (!mayScroll) cross(place, false);
+        },
+        pinch: (fingers) => {
+          at = pulled = null;
+          if (this.state) this.place(pinchedSlice(this.#view(this.state), this.shown, fingers));
+        },
+        wheel: (pixels, notches, place, event) => {
+          // A pinch on a touchpad comes as a wheel with the control key.
+          if (event.ctrlKey && this.state) {
+            this.place(zoomedSlice(this.#view(this.state), this.shown, wheelZoom(pixels * 2), place));
+          } else if (!event.ctrlKey && notches !== 0) {
+            // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
+            this.#step(-notches);
+          }
+        },
+        pick: () => {
+          if (!this.store.tool) this.store.enlarge(this.name, true);
+        },
+        busy: (busy) => {
+          if (!busy && pulled) set(pulled);
+          pulled = null;
+          if (busy) return;
+          if (at) cross(at, true);
+          // A second finger, or the system, ends what a hand has begun.
+          else if (marked) this.#move(marked, true);
+          at = marked = null;
+        },
       },
-      cancel: () => (at = pulled = null),
-      drag: (kind, move, place) => {
-        if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.store, move);
-        if (kind === "pan") {
-          if (this.state) this.place(movedSlice(this.#view(this.state), this.shown, move));
-          return;
-        }
-        const tool = this.store.tool;
-        if (tool) {
-          // A hand that clicks may tremble.
-          if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
-          return tool.hover(this.positionAt(place));
-        }
-        at = place;
-        // A finger that goes up or down may be taken away to scroll the page.
-        mayScroll &&= Math.abs(move[1]) >= Math.abs(move[0]);
-        if (!mayScroll) cross(place, false);
-      },
-      pinch: (fingers) => {
-        at = pulled = null;
-        if (this.state) this.place(pinchedSlice(this.#view(this.state), this.shown, fingers));
-      },
-      wheel: (pixels, notches, place, event) => {
-        // A pinch on a touchpad comes as a wheel with the control key.
-        if (event.ctrlKey && this.state) {
-          this.place(zoomedSlice(this.#view(this.state), this.shown, wheelZoom(pixels * 2), place));
-        } else if (!event.ctrlKey && notches !== 0) {
-          // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
-          this.#step(-notches);
-        }
-      },
-      pick: () => {
-        if (!this.store.tool) this.store.enlarge(this.name, true);
-      },
-      busy: (busy) => {
-        if (!busy && pulled) set(pulled);
-        pulled = null;
-        if (busy) return;
-        if (at) cross(at, true);
-        // A second finger, or the system, ends what a hand has begun.
-        else if (marked) this.#move(marked, true);
-        at = marked = null;
-      },
-    });
+      this.store.moves,
+    );
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       const tool = this.store.tool;

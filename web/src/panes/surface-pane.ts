@@ -98,7 +98,7 @@ export class SurfacePane {
     store.paneSize = () => this.#whole;
     store.meet(this.surface);
     effect(() => void this.element.classList.toggle("large", store.large.value === "surface"));
-    listen(this.element, this.#gestures());
+    listen(this.element, this.#gestures(), store.moves);
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));
   }

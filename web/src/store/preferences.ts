@@ -5,6 +5,7 @@ import { signal } from "@preact/signals";
 import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
 import { keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
+import { type Protocol, isProtocol } from "../model/steps.ts";
 import { parsed, plainLine } from "../model/text.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
@@ -36,6 +37,8 @@ export interface Preferences {
   readonly task: Task;
   /** The names of the sections that are unfolded. */
   readonly unfolded: readonly string[];
+  /** The steps of a reading. */
+  readonly protocol: Protocol;
   /** Who reads: the author of new findings; empty: nobody has said. */
   readonly reader: string;
 }
@@ -63,6 +66,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     unfolded: Array.isArray(stored.unfolded)
       ? stored.unfolded.filter((one) => typeof one === "string").map(renamed)
       : UNFOLDED,
+    protocol: isProtocol(stored.protocol) ? stored.protocol : "complete",
     reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
   };
 }

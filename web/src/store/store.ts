@@ -46,6 +46,8 @@ export class Store {
   readonly loading = signal<Loading>(null);
   /** Whether all that could be loaded is here. */
   readonly isLoaded = signal(false);
+  /** The step of the protocol that was gone to last; null: none yet. */
+  readonly step = signal<string | null>(null);
   /** What went wrong; empty: nothing. */
   readonly trouble = signal("");
   /** Something about the case to know, which can be dismissed. */
@@ -66,6 +68,11 @@ export class Store {
   readonly isResting = signal(false);
   /** Whether all that lies over the head is hidden, as long as a key is held. */
   readonly isBare = signal(false);
+  /** Whether the pictures are all there is of the page. */
+  readonly isAlone = signal(false);
+  /** Whether a drag moves what a picture shows, as long as nobody measures. */
+  readonly hasHand = signal(false);
+  readonly moves = computed(() => this.hasHand.value && this.measures.tool.value === null);
   /** Whether outlines are shown: in a close-up, where they would lie on what is judged, if they are asked for. */
   readonly outlined = signal({ slices: true, closer: false });
   readonly hasTimer = signal(false);
