@@ -10,7 +10,17 @@ import { CUT_REACH } from "../model/points.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
 import { windowEnds } from "../model/state.ts";
 import type { SurfaceName } from "../model/surfaces.ts";
-import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "../model/space.ts";
+import {
+  type Affine,
+  type Vec2,
+  type Vec3,
+  add,
+  clamp,
+  inverted,
+  length,
+  subtract,
+  transform,
+} from "../model/space.ts";
 import type { PathsTable, TextureLayout } from "../model/wire.ts";
 
 /** The fields of a uniform block by name. */
@@ -147,7 +157,7 @@ export function windowLine(window: Window): { readonly black: number; readonly f
  */
 export function slabOffsets(slab_mm: number, depth_mm: number, native_spacing_mm: number): number[] {
   if (slab_mm === 0) return [];
-  const side = Math.min(Math.max(Math.ceil((2 * slab_mm) / native_spacing_mm), 1), MAX_SLAB_SAMPLES);
+  const side = clamp(Math.ceil((2 * slab_mm) / native_spacing_mm), 1, MAX_SLAB_SAMPLES);
   const steps = Array.from({ length: 2 * side + 1 }, (_, index) => ((index - side) * slab_mm) / side);
   return steps.filter((offset_mm) => depth_mm + offset_mm >= 0);
 }
@@ -296,7 +306,7 @@ export function extentOf(
     ),
   );
   const span = (axis: 0 | 1): readonly [number, number] => {
-    const places = corners.map((corner) => Math.min(Math.max(corner[axis], 0), size[axis]));
+    const places = corners.map((corner) => clamp(corner[axis], 0, size[axis]));
     return [Math.floor(Math.min(...places)), Math.ceil(Math.max(...places))];
   };
   const [[left, right], [top, bottom]] = [span(0), span(1)];
@@ -308,7 +318,7 @@ function extentOfDisc({ disc, view }: NonNullable<Look["onMap"]>, size: Vec2): R
   const { center, pixels_per_unit } = projectDisc(disc, view, size);
   const radius = MAP_MARGIN * pixels_per_unit + 1;
   const span = (axis: 0 | 1): readonly [number, number] => {
-    const within = (place: number): number => Math.min(Math.max(place, 0), size[axis]);
+    const within = (place: number): number => clamp(place, 0, size[axis]);
     return [Math.floor(within(center[axis] - radius)), Math.ceil(within(center[axis] + radius))];
   };
   const [[left, right], [top, bottom]] = [span(0), span(1)];

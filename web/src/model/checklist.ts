@@ -2,7 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, type ViewName, towardsViewer } from "./camera.ts";
 import type { Side } from "./midsagittal.ts";
-import { dot } from "./space.ts";
+import { clamp, dot } from "./space.ts";
 import { isHalf } from "./surfaces.ts";
 import { type ViewState, hasSlices, isMirrored } from "./state.ts";
 
@@ -56,7 +56,7 @@ export class Checklist {
   /** This is on the screen from now on, with a mark in a lobe, if its lobe is known, as a step of a protocol; null: nothing is. */
   show(state: ViewState | null, now: number, lobe: LobeSide | null = null, step: string | null = null): void {
     const { keys = [], since = now } = this.#shown ?? {};
-    const ms = Math.min(Math.max(now - since, 0), LONGEST_MS);
+    const ms = clamp(now - since, 0, LONGEST_MS);
     for (const key of keys) this.#ms.set(key, (this.#ms.get(key) ?? 0) + ms);
     const looks = state && [...looksOf(state), ...(lobe && state.crosshair_mm ? [lobe] : [])];
     const steps = step === null ? [] : [`step ${step}`];

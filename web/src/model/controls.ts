@@ -6,15 +6,14 @@ import type { Judgement } from "./findings.ts";
 import { MAP_RADIUS_MM } from "./flat-map.ts";
 import type { MapName } from "./maps.ts";
 import type { SurfaceName } from "./surfaces.ts";
-import { type Vec2, compose, turnAbout, unit } from "./space.ts";
+import { type Vec2, clamp, compose, turnAbout, unit } from "./space.ts";
 import {
+  type ViewState,
+  type WindowPreset,
   DEPTH_STEP_MM,
   FINE_DEPTH_STEP_MM,
   PAN_LIMIT_MM,
-  type ViewState,
-  type WindowPreset,
   ZOOM_RANGE,
-  clamp,
   clampDepth,
   stepDepth,
   textureOf,

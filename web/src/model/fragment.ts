@@ -1,23 +1,23 @@
 // The state in the address: `#<case>&d=8.5&v=left`. What is as at first is left out; what is not understood is passed
 // over.
 
+import { short } from "./text.ts";
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
 import { type Change, boundWindow } from "./controls.ts";
 import { isLayerId, overlayText, readOverlay } from "./maps.ts";
-import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
+import { type Quat, type Vec2, type Vec3, clamp, unit } from "./space.ts";
 import { SURFACES } from "./surfaces.ts";
 import {
+  type HalfLook,
+  type ViewState,
   COLORMAPS,
   LAYOUTS,
   PAN_LIMIT_MM,
   SLAB_LIMIT_MM,
-  type HalfLook,
-  type ViewState,
   WAYS,
   ZOOM_RANGE,
   boundOutlines,
-  clamp,
   clampDepth,
   firstState,
   halfOf,
@@ -54,7 +54,6 @@ export function readAddress(fragment: string): Address {
   return { kind: text === "" ? "none" : "unknown" };
 }
 
-const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 const list = (values: readonly number[], digits: number): string =>
   values.map((value) => short(value, digits)).join(",");
 /** To a ten-thousandth of the way from black to white: intensities may be of any size. */

@@ -5,6 +5,7 @@ import {
   type Affine,
   type Vec3,
   add,
+  clamp,
   compose,
   fromRows,
   inverted,
@@ -13,7 +14,7 @@ import {
   transform,
   unit,
 } from "./space.ts";
-import { PAN_LIMIT_MM, type ViewState, ZOOM_RANGE, clamp, clampDepth } from "./state.ts";
+import { type ViewState, PAN_LIMIT_MM, ZOOM_RANGE, clampDepth } from "./state.ts";
 
 /** What two cases share. */
 export type Linked = Pick<

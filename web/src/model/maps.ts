@@ -2,7 +2,7 @@
 
 import type { Intensity } from "./case.ts";
 import type { Side } from "./midsagittal.ts";
-import type { Affine } from "./space.ts";
+import { type Affine, clamp } from "./space.ts";
 
 /** The maps, as the server names them, in the order of the page. */
 export const MAP_NAMES = [
@@ -114,7 +114,7 @@ export function shareOf(overlay: LayerOverlay, value: number): number {
   const [low, high] = style.window;
   if (threshold === null) return opacity;
   const size = isDiverging(style) ? Math.abs(value) : value;
-  const rise = Math.min(Math.max((size - threshold) / (SOFT_PART * (high - low)), 0), 1);
+  const rise = clamp((size - threshold) / (SOFT_PART * (high - low)), 0, 1);
   return opacity * rise * rise * (3 - 2 * rise);
 }
 
@@ -149,7 +149,7 @@ export function readOverlay(text: string): { readonly overlay: LayerOverlay; rea
   const real = (part: string): number => (part.trim() === "" ? NaN : Number(part));
   const within = (part: string, usual: number, [least, most]: readonly [number, number]): number => {
     const value = real(part);
-    return Number.isFinite(value) ? hundredths(Math.min(Math.max(value, least), most)) : usual;
+    return Number.isFinite(value) ? hundredths(clamp(value, least, most)) : usual;
   };
   const wanted = real(threshold);
   const ofLayer = Number.isFinite(wanted) ? wanted : null;

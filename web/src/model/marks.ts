@@ -1,8 +1,7 @@
 // What is marked in a head, and where it is in a picture: pure.
 
 import type { Projection } from "./camera.ts";
-import { type Vec2, type Vec3, add, scale, subtract } from "./space.ts";
-import { clamp } from "./state.ts";
+import { type Vec2, type Vec3, add, clamp, scale, subtract } from "./space.ts";
 
 /** Something that a reader has marked or measured. */
 export interface Marked {

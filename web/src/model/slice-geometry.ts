@@ -4,8 +4,8 @@ import { type Edges, NAMED_VIEWS, type Projection, type View, type ViewName, edg
 import type { ReadyCase, Sphere } from "./case.ts";
 import { type Pinch, pan, pinch, zoomAt } from "./controls.ts";
 import { PLANES, type Plane } from "./query.ts";
-import type { Vec2, Vec3 } from "./space.ts";
-import { type Convention, clamp } from "./state.ts";
+import { type Vec2, type Vec3, clamp } from "./space.ts";
+import type { Convention } from "./state.ts";
 
 /** From where the server shows a slice: in the radiological manner. */
 const SEEN_FROM: Readonly<Record<Plane, ViewName>> = { axial: "inferior", coronal: "anterior", sagittal: "left" };

@@ -14,6 +14,7 @@ export type Quat = readonly [number, number, number, number];
 /** Rows of an affine from one space to another, the last row being 0 0 0 1. */
 export type Affine = readonly (readonly number[])[];
 
+export const clamp = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 export const add = (a: Vec3, b: Vec3): Vec3 => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 export const subtract = (a: Vec3, b: Vec3): Vec3 => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 export const scale = (a: Vec3, factor: number): Vec3 => [a[0] * factor, a[1] * factor, a[2] * factor];

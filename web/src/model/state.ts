@@ -4,7 +4,7 @@ import { NAMED_VIEWS } from "./camera.ts";
 import { FIRST_MAP, type MapView } from "./flat-map.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import type { GreyLayer, LayerOverlay } from "./maps.ts";
-import type { Quat, Vec2, Vec3 } from "./space.ts";
+import { type Quat, type Vec2, type Vec3, clamp } from "./space.ts";
 import { type SurfaceName, mirroredSurface } from "./surfaces.ts";
 
 /** The colour maps, as the server names them. */
@@ -112,8 +112,6 @@ export const FINE_DEPTH_STEP_MM = 0.1;
 export const GOOD_DEPTHS_MM = [6, 20] as const;
 export const FIRST_DEPTH_MM = 10;
 export const DEFAULT_AMBIENT = 0.3;
-
-export const clamp = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
 /** How a ready case is first shown. */
 export function firstState(shown: ReadyCase): ViewState {

@@ -31,3 +31,6 @@ export function parsed(text: string | null): unknown {
     return null;
   }
 }
+
+/** A number with at most so many digits after the point, as addresses and queries have it. */
+export const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));

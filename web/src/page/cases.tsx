@@ -1,5 +1,6 @@
 // The list of cases, of any length: only the rows in sight are there.
 
+import { clamp } from "../model/space.ts";
 import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { getPicture } from "../base/api.ts";
@@ -83,7 +84,7 @@ export function CaseList({ cases, remove }: ListProps) {
     ];
     if (to === undefined || at < 0) return;
     event.preventDefault();
-    const next = Math.min(Math.max(to, 0), last);
+    const next = clamp(to, 0, last);
     reach(next);
     wantsFocus.current = true;
     setFocused(wanted[next]?.id ?? null);

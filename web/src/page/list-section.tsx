@@ -1,5 +1,6 @@
 // The one list of a reading: the places to look at and the findings, what is known of each, and what a reader writes about it.
 
+import { clamp } from "../model/space.ts";
 import type { Store } from "../store/store.ts";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
@@ -441,5 +442,5 @@ function walk(event: KeyboardEvent & { readonly currentTarget: HTMLElement }): v
   if (steps === undefined || at < 0 || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
   event.stopPropagation();
-  buttons[Math.min(Math.max(at + steps, 0), buttons.length - 1)]?.focus();
+  buttons[clamp(at + steps, 0, buttons.length - 1)]?.focus();
 }

@@ -8,7 +8,6 @@ import type { Command } from "../model/controls.ts";
 import { keyOf } from "../model/keys.ts";
 import { MAP_NAMES, type MapName, isLayerId, isMap } from "../model/maps.ts";
 import { hasSlices, layersOf } from "../model/state.ts";
-import { replaceAddress } from "../store/address.ts";
 import { perform } from "../store/commands.ts";
 import { type OnScreen, copied, copyPicture, savePicture } from "./export.ts";
 import { Button, Buttons, Choice, Icon, IconButton, Menu, type OfStore, Quiet, Row, Status } from "./fields.tsx";
@@ -188,7 +187,7 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
     </Button>
   );
   const copyAddress = (): Promise<string> => {
-    replaceAddress(store.view.now, store.shown);
+    store.view.rest();
     return copied(location.href);
   };
   return (

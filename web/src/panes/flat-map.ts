@@ -35,7 +35,7 @@ import {
 import { ARROWS } from "../model/keys.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
-import { type Vec2, type Vec3, add, dot, scale, distance } from "../model/space.ts";
+import { type Vec2, type Vec3, add, clamp, dot, scale, distance } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
@@ -365,8 +365,8 @@ export class MapPane {
     const isLeft = about.hemisphere === "left";
     const side = isLeft ? "end" : "start";
     // At the upper corner towards the middle of the map, apart from the letter of the other side, or within the pane.
-    const corner = Math.min(Math.max(isLeft ? x + reach - SIDE_GAP : x - reach + SIDE_GAP, 8), width - 8);
-    const top = Math.min(Math.max(y - reach, 4), height - 40);
+    const corner = clamp(isLeft ? x + reach - SIDE_GAP : x - reach + SIDE_GAP, 8, width - 8);
+    const top = clamp(y - reach, 4, height - 40);
     const letters = [...rim, at(isLeft ? "L" : "R", corner, top + 26, `side ${side}`)];
     return about.face === "inner" ? [...letters, at(t("flat-map.inner"), corner, top + 42, `inner ${side}`)] : letters;
   }
