@@ -5,6 +5,7 @@ import type { Case, ProblemBody } from "../model/case.ts";
 import type { LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
+import { taken } from "./kept.ts";
 import { wait } from "./patience.ts";
 
 let token = "";
@@ -81,12 +82,10 @@ export function handOver(): void {
 }
 
 /** Takes what was left, once: a token, and what was shown. */
-export function takeHanded(): { readonly token: string; readonly left: string } {
-  const handed = { token: String(sessionStorage.token ?? ""), left: String(sessionStorage.left ?? "") };
-  sessionStorage.removeItem("token");
-  sessionStorage.removeItem("left");
-  return handed;
-}
+export const takeHanded = (): { readonly token: string; readonly left: string } => ({
+  token: taken("token"),
+  left: taken("left"),
+});
 
 /** Waits for another token than the one `sent` where `problem` is a 401; true when it is worth trying again. */
 async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {

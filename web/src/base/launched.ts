@@ -2,6 +2,7 @@
 // it is read, because it names a patient's study.
 
 import { parsed } from "../model/text.ts";
+import { taken } from "./kept.ts";
 
 /** A case that was opened although others fit as well. */
 export interface Launched {
@@ -25,14 +26,3 @@ export const leaveChoice = ({ query }: Launched): void => sessionStorage.setItem
 
 /** Takes that query; empty if there is none. */
 export const takeChoice = (): string => taken("choice");
-
-function taken(key: string): string {
-  try {
-    const text = sessionStorage.getItem(key) ?? "";
-    sessionStorage.removeItem(key);
-    return text;
-  } catch {
-    // A browser may forbid it.
-    return "";
-  }
-}

@@ -99,6 +99,7 @@ export class Cortex implements Surface {
     this.#tell();
   }
 
+  /** Fetches what the first picture needs, then the rest. Rejects with the signal's reason when it is aborted. */
   async load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void> {
     const both = AbortSignal.any([signal, this.#gone.signal]);
     // Everything is here already.
@@ -116,6 +117,7 @@ export class Cortex implements Surface {
     }
   }
 
+  /** Draws with the next frame; `moving` allows a coarser picture from the server. */
   draw(state: ViewState, moving: boolean): void {
     // What failed is tried again when another layer has been chosen.
     if (layersOf(state).join() !== (this.#state && layersOf(this.#state).join())) this.#asked.clear();
@@ -150,6 +152,7 @@ export class Cortex implements Surface {
     return isPart(this.#surface) ? (this.#parts.get(this.#surface)?.max_depth_mm ?? null) : null;
   }
 
+  /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
   served(state: ViewState): ViewState {
     const part = isPart(state.surface) ? this.#parts.get(state.surface) : undefined;
     return part ? fitted(state, this.#case.envelope_sphere, part.envelope_sphere) : state;
@@ -159,6 +162,7 @@ export class Cortex implements Surface {
     return this.pointsOf("whole")?.isInHead(position_in_patient) ?? true;
   }
 
+  /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
   async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
     const still = state.way === "auto" ? { ...state, way: "exact" as const } : state;
     const way = this.#drawable(still);

@@ -24,7 +24,7 @@ import { Cube } from "./cube.ts";
 import { type Gestures, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES, lookWords } from "./overlay.ts";
-import type { Surface, SurfaceOptions, SurfaceStatus } from "../store/surface.ts";
+import type { SurfaceOptions, SurfaceStatus } from "../store/surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
@@ -50,7 +50,7 @@ export class SurfacePane {
   /** What the picture waits for. */
   readonly #awaited = h("p", { class: "awaited", role: "status", hidden: true });
   /** Who draws it, and knows its points. */
-  readonly surface: Surface;
+  readonly surface: Cortex;
   /** The state of the picture that is up; null: none is. */
   #drawn: ViewState | null = null;
   #marked: readonly Marked[] = [];

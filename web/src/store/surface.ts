@@ -57,13 +57,6 @@ export interface SurfaceOptions {
  * left corner.
  */
 export interface Surface {
-  /** Fetches what the first picture needs, then the rest. Rejects with the signal's reason when it is aborted. */
-  load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void>;
-  /**
-   * Draws with the next frame; of several calls before it, the last. `moving` allows a coarser picture from the
-   * server.
-   */
-  draw(state: ViewState, moving: boolean): void;
   /** Null beside the surface, and where nothing here knows. */
   pick(state: ViewState, x: number, y: number): Picked | null;
   /** At the point of the surface nearest to the position; null where nothing here knows (yet). */
@@ -78,8 +71,6 @@ export interface Surface {
   pointsOf(surface: SurfaceName): Points | null;
   /** The greatest depth below the surface that is shown, if it is that of a part; else null. */
   readonly deepest_mm: number | null;
-  /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
-  served(state: ViewState): ViewState;
   /** Whether a position is within the head; true where nothing here knows (yet). */
   isInHead(position_in_patient: Vec3): boolean;
   /** Whether the page draws slices of a state now. */
@@ -92,11 +83,6 @@ export interface Surface {
   canMap(state: ViewState): boolean;
   /** The flat map in so many pixels, drawn by the page; null if the server has to draw it, perhaps only for now. */
   map(state: ViewState, size: Vec2): Promise<ImageData | null>;
-  /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
-  picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
-  /** Whether the frame timer stands on the picture. */
-  showTimer(shown: boolean): void;
   /** The voxels of a layer are others now. */
   forgetLayer(name: string): void;
-  dispose(): void;
 }
