@@ -247,12 +247,12 @@ test(
     );
     assert.ok(lit && Math.abs(lit.x - 0.5) < 0.05, JSON.stringify(lit));
     assert.equal((await fragment(page)).v, "right");
+    await page.locator(".steps .seen", { hasText: "Right · 8 mm" }).waitFor();
     await page.keyboard.press("Shift+0");
     await said("Step 1 of 8");
     await page.keyboard.press("Shift+0");
     await said("This is the first step.");
     assert.equal((await fragment(page)).v, undefined);
-    await page.locator(".steps .seen", { hasText: "Right · 8 mm" }).waitFor();
 
     await steps.filter({ hasText: "Map" }).click();
     await page.waitForSelector("body[data-layout=map]");

@@ -201,7 +201,6 @@ export async function allCases(): Promise<Case[]> {
   }
 }
 
-/** Whether any series has come from a PACS. */
 export async function anyArrivals(): Promise<boolean> {
   return (await ask<{ readonly arrivals: readonly unknown[] }>("v1/arrivals?limit=1")).arrivals.length > 0;
 }
@@ -214,7 +213,6 @@ export const getCase = (id: string, part: PartName | null = null): Promise<Case>
 export const changeCase = (id: string, change: { readonly name?: string; readonly kept?: boolean }): Promise<Case> =>
   ask(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) });
 
-/** Deletes a case for good. */
 export async function deleteCase(id: string): Promise<void> {
   await send(`v1/cases/${id}`, { method: "DELETE" });
 }
@@ -281,7 +279,6 @@ export async function getDicom(id: string): Promise<Readonly<Record<string, stri
   return (await ask<{ attributes?: Record<string, string> }>(`v1/cases/${id}/dicom`)).attributes ?? {};
 }
 
-/** How many bytes of an upload are sent. */
 interface UploadProgress {
   readonly loaded: number;
   readonly total: number;

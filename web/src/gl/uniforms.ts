@@ -26,7 +26,6 @@ import type { PathsTable, TextureLayout } from "../model/wire.ts";
 /** The fields of a uniform block by name. */
 export type Fields = Readonly<Record<string, number | readonly number[]>>;
 
-/** A grid of texels. */
 export interface TexelGrid {
   readonly size: Vec3;
   readonly patient_from_voxel: Affine;
@@ -79,7 +78,6 @@ export interface OverlayLook extends Moved {
   readonly is_nearest: boolean;
 }
 
-/** What a pane shows. */
 export interface Look extends View {
   /** The surface that is drawn, or that has the contours. */
   readonly surface: SurfaceName;
@@ -87,7 +85,6 @@ export interface Look extends View {
   readonly window: Window;
   readonly slab_mm: number;
   readonly ambient: number;
-  /** Row of the table of colours. */
   readonly color_row: number;
   /** The layer in the place of the volume. */
   readonly layer: ({ readonly id: string } & Moved) | null;
@@ -325,7 +322,6 @@ function extentOfDisc({ disc, view }: NonNullable<Look["onMap"]>, size: Vec2): R
   return { left, top, size: [right - left, bottom - top] };
 }
 
-/** The block `Paths` for a depth. */
 export function pathsFields(table: PathsTable, depth_mm: number): Fields {
   const row = Math.max(0, Math.min(Math.floor(depth_mm / table.row_mm), table.row_count - 2));
   const first_piece = table.first_piece[row] ?? 0;

@@ -30,7 +30,6 @@ const OTHER: Readonly<Partial<Record<ViewName, ViewName>>> = { left: "right", ri
 export const LOOKS = [...VIEW_NAMES, "slices", "closer"] as const;
 export type Look = (typeof LOOKS)[number];
 
-/** The lobes of which marked places are counted. */
 export const LOBES = ["frontal", "parietal", "temporal", "occipital", "insula", "cingulate"] as const;
 export type Lobe = (typeof LOBES)[number];
 /** Where a marked place is. */
@@ -72,12 +71,10 @@ export class Checklist {
     return ms < LEAST_MS ? 0 : Math.round(ms / 1000);
   }
 
-  /** Whether a step of a protocol was looked at. */
   hasStep(step: string): boolean {
     return (this.#ms.get(`step ${step}`) ?? 0) >= LEAST_MS;
   }
 
-  /** Nothing was looked at yet. */
   clear(): void {
     this.#ms.clear();
   }

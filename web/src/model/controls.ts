@@ -201,7 +201,6 @@ export type ChangingCommand =
   | { readonly kind: "surface"; readonly name: SurfaceName | null }
   | { readonly kind: "invert" | "reset" };
 
-/** What changes how layers are shown. */
 export type LayerCommand =
   /** The next of the added layers, as grey texture or in colours. */
   | { readonly kind: "grey" | "colours" }
@@ -211,7 +210,6 @@ export type LayerCommand =
    */
   | { readonly kind: "swipe" | "edges" | "nudge" | "beside" | "swap" };
 
-/** What a key asks for. */
 export type Command =
   | ChangingCommand
   | LayerCommand
@@ -221,7 +219,6 @@ export type Command =
   | { readonly kind: "step"; readonly steps: number }
   /** About the place or finding at the mark. */
   | { readonly kind: "judge"; readonly judgement: Judgement }
-  /** The saved layout of a number. */
   | { readonly kind: "recall"; readonly number: number }
   | {
       readonly kind:

@@ -12,7 +12,6 @@ export type Certainty = (typeof CERTAINTIES)[number];
 export const FINDING_KINDS = ["point", "line", "polygon", "trajectory"] as const;
 export type FindingKind = (typeof FINDING_KINDS)[number];
 
-/** A finding, as the server stores it. */
 export interface Finding {
   readonly id: string;
   readonly kind: FindingKind;
@@ -37,7 +36,6 @@ export interface Finding {
 /** The colour of a finding that nobody has coloured. */
 export const FIRST_COLOUR = "#ffb000";
 
-/** What is new about a finding. */
 export type NewFinding = Pick<Finding, "points_in_patient" | "depth_mm"> & Partial<Finding>;
 
 /** A finding that nobody has written about. */
@@ -71,7 +69,6 @@ export function plainFinding(finding: Finding): Finding {
 export const signed = (finding: Finding, reader: string): Finding =>
   finding.author || reader === "" ? finding : { ...finding, author: reader };
 
-/** The middle of what was marked. */
 export const middleOf = ({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 => meanOf(points_in_patient);
 
 /** What a reader wrote, without what the server adds. */

@@ -33,7 +33,6 @@ export type MapFace = "outer" | "inner";
 /** The middles of the hemispheres, where the lines of sight end. */
 export type Centres = Readonly<Record<Hemisphere, Vec3>>;
 
-/** How a map is seen. */
 export interface MapView {
   /** 1 fits the map into its pane. */
   readonly zoom: number;
@@ -78,7 +77,6 @@ export function* centresOf(
   return left && right && { left, right };
 }
 
-/** One disc of a map. */
 export interface Disc {
   readonly hemisphere: Hemisphere;
   readonly face: MapFace;
@@ -94,7 +92,6 @@ export interface Disc {
 export const surfaceOf = ({ face, hemisphere }: Pick<Disc, "face" | "hemisphere">): SurfaceName =>
   face === "inner" ? hemisphere : "whole";
 
-/** The surfaces that a map shows. */
 export const surfacesOnMap = ({ has_inner }: Pick<MapView, "has_inner">): readonly SurfaceName[] =>
   has_inner ? ["whole", ...HEMISPHERES] : ["whole"];
 
@@ -170,7 +167,6 @@ export function projectDisc(disc: Disc, view: MapView, size: Vec2): DiscProjecti
 export const radiusAt = ({ center, pixels_per_unit }: DiscProjection, [x, y]: Vec2): number =>
   Math.hypot(x - center[0], y - center[1]) / pixels_per_unit;
 
-/** The disc that a place lies in. */
 export const discAt = (discs: readonly DiscProjection[], place: Vec2): DiscProjection | null =>
   discs.find((disc) => radiusAt(disc, place) <= MAP_MARGIN) ?? null;
 

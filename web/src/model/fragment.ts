@@ -24,7 +24,6 @@ import {
   leftOf,
 } from "./state.ts";
 
-/** What an address holds. */
 export type Address =
   | { readonly kind: "none" }
   | OfCase

@@ -16,14 +16,12 @@ import {
 } from "./space.ts";
 import { type ViewState, PAN_LIMIT_MM, ZOOM_RANGE, clampDepth } from "./state.ts";
 
-/** What two cases share. */
 export type Linked = Pick<
   ViewState,
   "depth_mm" | "orientation" | "zoom" | "pan_mm" | "crosshair_mm" | "layout" | "convention"
 > &
   Partial<Pick<ViewState, "window">>;
 
-/** A case and how it is shown. */
 export interface Shown {
   readonly shown: ReadyCase;
   readonly state: ViewState;

@@ -47,7 +47,6 @@ const styles: Readonly<Record<MapName, MapStyle>> = {
 export const isMap = (name: string): name is MapName => Object.hasOwn(styles, name);
 export const styleOfMap = (name: MapName): MapStyle => styles[name];
 
-/** A layer in colours over the picture. */
 export interface LayerOverlay {
   /** The name of a map, or the id of a layer that was added. */
   readonly name: string;
@@ -80,7 +79,6 @@ export interface GreyLayer {
   readonly moved?: Affine | undefined;
 }
 
-/** How an overlay is shown. */
 export function styleOf({ name, about, window, colormap }: LayerOverlay): MapStyle {
   const usual = about ?? (isMap(name) ? styles[name] : styles.junction);
   return { ...usual, window: window ?? usual.window, colormap: colormap ?? usual.colormap };

@@ -164,7 +164,6 @@ export interface Lettering {
   readonly mark: Mark;
   readonly at: Vec2;
   readonly box: Box;
-  /** The line from a point to its words. */
   readonly hair?: Line;
 }
 
@@ -184,7 +183,6 @@ export function hairOf([x, y]: Vec2, free: number, [across, down]: Vec2 = [1, -1
   return [at(free), at(free + length)];
 }
 
-/** The circle around a point, as a line. */
 export const ringOf = ([x, y]: Vec2, radius: number): Line =>
   Array.from({ length: RING_PARTS + 1 }, (_, at) => {
     const turn = (2 * Math.PI * at) / RING_PARTS;

@@ -40,7 +40,6 @@ export interface Values {
   readonly area_mm2?: number;
   /** The line of an area crosses itself, so that it has none. */
   readonly isCrossed?: boolean;
-  /** The line as it is drawn. */
   readonly drawn: readonly Vec3[];
 }
 

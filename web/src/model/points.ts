@@ -19,7 +19,6 @@ export interface Picked {
   readonly isFlipped: boolean;
 }
 
-/** The depth and intensity at a position. */
 export interface Probed {
   /** NaN beside a cut through the brain or a fence, where it is unknown. */
   readonly depth_mm: number;

@@ -17,7 +17,6 @@ export function rowsInSight(count: number, scrolled: number, height: number): re
 
 /** Rows that are seen by less than this are no targets: the least height of one, in CSS pixels (WCAG 2.2, 2.5.8). */
 const LEAST_SEEN = 24;
-/** The gap below a row. */
 const GAP_PIXELS = 4;
 
 /**

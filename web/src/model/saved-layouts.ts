@@ -35,7 +35,6 @@ export interface SavedLayout {
   readonly convention: Convention;
   readonly outlines_mm: readonly number[];
   readonly surface: SurfaceName;
-  /** Whether the flat map has the inner sides. */
   readonly has_inner: boolean;
 }
 

@@ -23,7 +23,6 @@ export function sliceEdges(plane: Plane, convention: Convention): Edges {
   return isFlipped(plane, convention) ? { ...edges, left: edges.right, right: edges.left } : edges;
 }
 
-/** A slice in its pane. */
 export interface SliceView {
   readonly plane: Plane;
   readonly convention: Convention;
@@ -49,7 +48,6 @@ function projection(view: SliceView, sphere: Sphere): Projection {
 export const sliceCenter = ({ plane, position_mm }: SliceView, { center_in_patient }: Sphere): Vec3 =>
   center_in_patient.map((one, axis) => (axis === PLANES[plane].axis ? position_mm : one)) as unknown as Vec3;
 
-/** From where a slice is seen. */
 export const sliceCamera = ({ plane, placing }: SliceView): View => ({
   ...placing,
   orientation: NAMED_VIEWS[SEEN_FROM[plane]],

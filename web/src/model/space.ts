@@ -2,7 +2,6 @@
 
 export type Vec2 = readonly [number, number];
 export type Vec3 = readonly [number, number, number];
-/** The directions of the three axes. */
 export const AXES: readonly Vec3[] = [
   [1, 0, 0],
   [0, 1, 0],
@@ -28,7 +27,6 @@ export const cross = (a: Vec3, b: Vec3): Vec3 => [
   a[0] * b[1] - a[1] * b[0],
 ];
 
-/** The middle of points. */
 export function meanOf(points: readonly Vec3[]): Vec3 {
   const sum = points.reduce<Vec3>(add, [0, 0, 0]);
   return scale(sum, 1 / points.length);
@@ -99,7 +97,6 @@ export function angleBetween(a: Quat, b: Quat): number {
   return 2 * Math.acos(Math.min(along, 1));
 }
 
-/** A position through an affine. */
 export function transform(affine: Affine, p: Vec3): Vec3 {
   const row = (index: number): number => {
     const [a = 0, b = 0, c = 0, d = 0] = affine[index] ?? [];

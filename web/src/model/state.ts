@@ -56,7 +56,6 @@ export interface Swipe {
 /** What each half of the pane has of its own when two are compared side by side. */
 export type HalfLook = Pick<ViewState, "layer" | "overlay" | "window" | "colormap">;
 
-/** All that a picture depends on. */
 export interface ViewState {
   /** The surface below which depth is measured. */
   readonly surface: SurfaceName;
@@ -90,7 +89,6 @@ export interface ViewState {
   readonly ambient: number;
   readonly way: Way;
   readonly layout: Layout;
-  /** How the flat map is seen. */
   readonly map: MapView;
   readonly convention: Convention;
   /** Depths whose outlines the slices show besides that of `depth_mm`. */
@@ -167,7 +165,6 @@ export const surfacesOf = (state: ViewState): readonly SurfaceName[] => {
   return isMirrored(state) && other !== state.surface ? [state.surface, other] : [state.surface];
 };
 
-/** The picture without its layers. */
 export const bareOf = (state: ViewState): ViewState => ({
   ...state,
   window: state.bare_window ?? state.window,

@@ -42,11 +42,9 @@ export class App {
     );
   });
   readonly isSilent = signal(false);
-  /** Whether anything has come from a PACS. */
   readonly hasArrivals = signal(false);
   /** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
   readonly launched = signal(takeLaunch());
-  /** How each case was left. */
   readonly #memory = new ViewMemory();
   #routed = 0;
   /** Whether the next key may be the number of a saved layout. */
@@ -108,7 +106,6 @@ export class App {
     this.upload.drop(files);
   }
 
-  /** A case was made, or was there. */
   async made({ id }: Case, wasThere: boolean): Promise<void> {
     this.cases.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
     await this.cases.refresh();

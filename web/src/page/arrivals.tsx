@@ -42,7 +42,6 @@ interface Page {
   readonly next?: string;
 }
 
-/** What a series can be taken as. */
 type Taken = "case" | "layer";
 
 const LOOK_AGAIN_MS = 1000;

@@ -145,9 +145,7 @@ export function CaseList({ cases, remove }: ListProps) {
 
 interface RowProps {
   readonly one: Case;
-  /** The cases with its title. */
   readonly alike: readonly Case[];
-  /** Which row of how many it is. */
   readonly place: readonly [number, number];
   readonly isOpen: boolean;
   /** Whether it is taken out of reach, because the open one covers it. */
@@ -158,7 +156,6 @@ interface RowProps {
   remove(): void;
 }
 
-/** One case of the list. */
 function Row({ one, alike, place, isOpen, isHidden, flag, choose, remove }: RowProps) {
   const version = versionOf(one);
   const apart = toldApart(one, alike);

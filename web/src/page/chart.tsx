@@ -81,7 +81,6 @@ export function Chart({ store }: OfStore) {
   const measured = store.point.measured.value;
   const depth_mm = store.view.depth_mm.value;
   const picture = useRef<SVGSVGElement>(null);
-  /** The sample under the pointer. */
   const [read, setRead] = useState<number | null>(null);
   if (!profile) return null;
   const shallow = shallowPart(profile, depth_mm);

@@ -12,7 +12,6 @@ import type { Store } from "../store/store.ts";
 /** As wide as the style sheet has menus, with its rim. */
 const MENU_PIXELS = 296;
 
-/** What every section is given. */
 export interface OfStore {
   readonly store: Store;
 }
@@ -122,7 +121,6 @@ export const Status = ({ words, ...rest }: { readonly words: string } & Attribut
   </p>
 );
 
-/** A labelled line: the label, then its controls. */
 export const Line = ({
   label,
   isTall = false,
@@ -137,7 +135,6 @@ export const Line = ({
   </div>
 );
 
-/** A share as a bar, and in words. */
 export const Bar = ({
   label,
   share,
@@ -183,7 +180,6 @@ export function Menu({
   );
 }
 
-/** Buttons side by side. */
 export const Row = ({ children }: Children) => <div class="row">{children}</div>;
 
 /** Controls that change what is stored: disabled for whoever may only look. */
@@ -193,7 +189,6 @@ export const Writing = ({ children }: Children) => (
   </fieldset>
 );
 
-/** A box to tick, with words behind it. */
 export const Ticked = ({
   words,
   checked,
@@ -219,7 +214,6 @@ interface Choosing<Value> extends Attributes {
   onChoose(value: Value): void;
 }
 
-/** A choice among values in words. */
 export const Choice = <Value extends string | number>({
   label,
   values,
@@ -242,7 +236,6 @@ export const Choice = <Value extends string | number>({
   </select>
 );
 
-/** A choice in the label that names it. */
 export const LabelledChoice = <Value extends string | number>({
   isInline = false,
   ...choosing
@@ -265,7 +258,6 @@ export const ChoiceLine = <Value extends string | number>({
   </Line>
 );
 
-/** A choice with a button for each value. */
 export const Buttons = <Value extends string>({
   label,
   values,
@@ -410,7 +402,6 @@ export const FileInput = ({
   </label>
 );
 
-/** A field that is searched by what is typed into it. */
 export const Search = ({
   label,
   onSearch,
@@ -428,7 +419,6 @@ export const Search = ({
   />
 );
 
-/** Something to know, which can be dismissed. */
 export const Remark = ({
   name = "",
   role = "status",

@@ -164,7 +164,6 @@ function Item({
   );
 }
 
-/** The form for another layer. */
 function AddLayer({ store }: OfStore) {
   const { shown, layers, caseLayers } = store;
   const [chosen, setChosen] = useState<readonly File[]>([]);

@@ -36,6 +36,5 @@ export function profileCsv(profile: Profile, layers: readonly SidedCurves[], cap
   return [`depth_mm,intensity,mirrored_intensity${names.join("")},case,view,program`, ...rows, ""].join("\r\n");
 }
 
-/** The index of the sample nearest to a depth. */
 export const nearestSample = (profile: Profile, depth_mm: number): number =>
   clamp(Math.round(depth_mm / PROFILE_STEP_MM), 0, profile.depth_mm.length - 1);

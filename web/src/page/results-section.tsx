@@ -42,7 +42,6 @@ function kindsOf(list: readonly Finding[]): readonly Kind[] {
   return KINDS.filter((kind) => !lacks(kind));
 }
 
-/** How far the sending of a result is. */
 function sendingWords({ node, state, attempts, reason, not_valid = "" }: Sending): string {
   const isTried = state === "queued" && attempts > 0;
   const words = t(isTried ? "sending.again" : `sending.${state}`, {
@@ -54,7 +53,6 @@ function sendingWords({ node, state, attempts, reason, not_valid = "" }: Sending
   return invalid ? `${words} ${t(invalid)}` : words;
 }
 
-/** The body of a request for a result of a kind. */
 function bodyOf(kind: Kind, { state, surface }: OnScreen): Readonly<Record<string, unknown>> {
   const render = pictureBody(surface.surface.served(state), [PIXELS, PIXELS]);
   switch (kind) {

@@ -15,7 +15,6 @@ import { Closing, End, open } from "./dialogs.tsx";
 import { LabelledChoice, Status } from "./fields.tsx";
 import { ServerPicture } from "./server-picture.tsx";
 
-/** The side of a picture, in pixels. */
 const PIXELS = 384;
 
 /** Lets the reader choose another case and compare both heads, then takes over its findings. */

@@ -136,7 +136,6 @@ export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
   );
 }
 
-/** Which map lies over the picture, and how. */
 function Maps({
   store,
   hasFlair,

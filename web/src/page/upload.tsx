@@ -14,21 +14,18 @@ import { type Offer, sendLayer, wishOf } from "./layer-form.ts";
 import { Sending, Transfer } from "./transfer.tsx";
 import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
-/** What is chosen for a case. */
 interface Chosen {
   readonly files: readonly File[];
   readonly mask: File | null;
 }
 const NOTHING: Chosen = { files: [], mask: null };
 
-/** The fields of the form. */
 interface Fields {
   readonly name: string;
   readonly radius_mm: number;
 }
 
 export class Upload {
-  /** Whether the form is unfolded. */
   readonly isOpen = signal(false);
   /** The result of the last upload; outside of the form, which is closed by then. */
   readonly done = signal("");
@@ -58,7 +55,6 @@ export class Upload {
     input?.click();
   }
 
-  /** Files that were dropped on the page. */
   drop(files: readonly File[]): void {
     this.isOpen.value = true;
     this.#isAtOnce = false;
@@ -120,7 +116,6 @@ export class Upload {
     this.emptied.value += 1;
   }
 
-  /** Empties and closes the form. */
   #forget(): void {
     this.#empty();
     this.isOpen.value = false;

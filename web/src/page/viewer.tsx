@@ -28,13 +28,10 @@ import { Tools } from "./tools.tsx";
 /** How long the state rests before the address follows it and the depth is read out. */
 const REST_MS = 350;
 
-/** What a case is opened with. */
 export interface Opening {
-  /** What the address says besides the case. */
   readonly rest: string;
   /** The finding to go to; empty: none. */
   readonly finding: string;
-  /** The case as it was left. */
   readonly left: Left;
   /** Whether the server alone draws. */
   readonly serverOnly: boolean;
@@ -141,7 +138,6 @@ export class Viewer {
     if (this.store.isLoaded.peek()) this.#goToFinding();
   }
 
-  /** Goes to the finding that the address names. */
   #goToFinding(): void {
     const [id, store] = [this.#finding, this.store];
     this.#finding = "";

@@ -36,7 +36,6 @@ const FIRST_MM = 90;
 const STEP_DEG = 5;
 const FINE_STEP_DEG = 1;
 
-/** What a picture shows. */
 interface Seen {
   readonly state: ViewState;
   readonly mark: Vec3;
@@ -89,7 +88,6 @@ export class AcrossPane extends PlanePane {
     this.write();
   }
 
-  /** The mark in the middle again. */
   center(): void {
     this.setPlacing(this.home);
   }

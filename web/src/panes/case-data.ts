@@ -39,7 +39,6 @@ interface DataListener {
   first(signal: AbortSignal): Promise<void>;
   /** More is here for a device. */
   more(part: Partial<Fetched>, signal: AbortSignal): Promise<void>;
-  /** Everything is here. */
   whole(volume: Voxels8Or16, maps: FieldMaps): void;
 }
 

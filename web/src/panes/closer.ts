@@ -66,7 +66,6 @@ export class Closer {
     for (const { pane } of this.#panes) pane.outline(shown);
   }
 
-  /** Shows marks on each slice. */
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
     for (const { pane } of this.#panes) pane.mark(marked);

@@ -30,7 +30,6 @@ const SOFTWARE_RATIO = 1;
 const DEVICE_RATIO = 2;
 /** So many pixels to a CSS pixel have soft edges in a picture that is saved. */
 const MOST_SOFT_RATIO = 2;
-/** The larger side of a slice. */
 const MOST_SLICE_PIXELS = 1600;
 
 /** See `surface.ts`; it fills `host`. */
@@ -56,7 +55,6 @@ export class Cortex implements Surface {
   readonly #askedParts = new Set<PartName>();
   /** The surfaces that the flat map shows. */
   #onMap: readonly SurfaceName[] = [];
-  /** The surface that is drawn. */
   #surface: SurfaceName = "whole";
   #centres: Centres | null = null;
   #state: ViewState | null = null;
@@ -492,7 +490,6 @@ export class Cortex implements Surface {
     return [this.#host.clientWidth, this.#host.clientHeight];
   }
 
-  /** How many pixels a CSS pixel has. */
   get #ratio(): number {
     return Math.min(globalThis.devicePixelRatio, this.#device?.isSoftware ? SOFTWARE_RATIO : DEVICE_RATIO);
   }

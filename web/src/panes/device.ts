@@ -12,7 +12,6 @@ import { withGradients, type Fetched, type PartFetched } from "./case-data.ts";
 /** The most bytes on the device that a case may take. */
 const MOST_TEXTURE_BYTES = 1 << 30;
 
-/** The larger side of a picture that is saved. */
 const MOST_PICTURE_PIXELS = 8192;
 
 /** Whether a case is small enough for any device. */

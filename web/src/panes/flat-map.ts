@@ -46,12 +46,10 @@ import { dragTheWindow, turnTheWheel } from "./slice-parts.ts";
 
 /** CSS pixels from one known position to the next. */
 const STEP = 2;
-/** The larger side of a picture of the server. */
 const MOST_PIXELS = 1600;
 const MOST_SAVED_PIXELS = 4096;
 /** How long the map must rest before its positions are fetched, in ms. */
 const REST_MS = 150;
-/** The distance of the lines of the graticule, in mm. */
 const GRATICULE_MM = 20;
 /** The diameter of the disc under the pointer, in mm. */
 const DISC_MM = 10;
@@ -68,7 +66,6 @@ function letterOf(direction: Vec3): string {
   return LETTERS[axis]?.[(direction[axis] ?? 0) > 0 ? 0 : 1] ?? "";
 }
 
-/** What a picture of the map shows. */
 interface Seen {
   readonly state: ViewState;
   /** In CSS pixels. */
@@ -104,7 +101,6 @@ export class MapPane {
   #seen: Seen | null = null;
   #marked: readonly Marked[] = [];
   #positions: MapPositions | null = null;
-  /** The curves that are drawn, and what they are of. */
   #drawn: readonly [MapPositions | null, Vec3 | null] = [null, null];
   /** What the positions are of. */
   #known = "";

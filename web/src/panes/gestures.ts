@@ -5,10 +5,8 @@ import type { ReadonlySignal } from "@preact/signals";
 import type { Vec2 } from "../model/space.ts";
 import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
 
-/** What a drag does, by its button and modifier. */
 type DragKind = "turn" | "pan" | "window";
 
-/** What hands do on a pane. */
 export interface Gestures {
   /** A hand came down; a finger may also be about to scroll the page. */
   press?(kind: DragKind, place: Vec2, isFinger: boolean): void;

@@ -14,7 +14,6 @@ import { Marks } from "./marks.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
 
-/** The writing on one picture. */
 export class Overlay {
   readonly element: HTMLElement;
   /** What is shown, and as what: in a slice, beside its slider. */
@@ -106,7 +105,6 @@ export class Overlay {
     this.#cursor.show(place, size, this.#pixel_mm, look);
   }
 
-  /** The findings that lie here. */
   marks(marks: readonly Mark[], size: Vec2): void {
     this.#marks.show(marks, size, this.#pixel_mm);
   }

@@ -73,7 +73,6 @@ export class Pace {
     return this.#timer.times.frames;
   }
 
-  /** The times of the last frames, in words. */
   get words(): string {
     const { script_ms, frame_ms, frames } = this.#timer.times;
     if (frame_ms === 0) return t("timer.none");

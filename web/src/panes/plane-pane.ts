@@ -20,12 +20,9 @@ interface PaneParts {
   readonly name: string;
   readonly classes: string;
   readonly label: string;
-  /** The plane in words. */
   readonly plane: string;
-  /** The zoom at first. */
   readonly zoom: number;
   readonly range: { readonly min: number; readonly max: number; readonly step: number; readonly "aria-label": string };
-  /** What stands beside the slider. */
   readonly buttons?: readonly HTMLElement[];
 }
 
@@ -89,7 +86,6 @@ export abstract class PlanePane {
   /** Writes of the picture that is up. */
   protected abstract write(): void;
 
-  /** The slider was moved. */
   protected abstract slide(value: number): void;
 
   /** Where the patient is at a place of the pane; null: nowhere. */
@@ -112,19 +108,16 @@ export abstract class PlanePane {
     this.overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.shown) : "");
   }
 
-  /** Shows the marks that lie in the slice. */
   mark(marked: readonly Marked[]): void {
     this.marked = marked;
     this.write();
   }
 
-  /** Whether the outlines are drawn. */
   outline(shown: boolean): void {
     this.outlined = shown;
     if (this.state) this.show(this.state);
   }
 
-  /** Describes the slice for screen readers. */
   describe(words: string): void {
     setText(this.#words, `${this.range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
   }
@@ -142,7 +135,6 @@ export abstract class PlanePane {
     return `${this.shown.id}/slices/${plane}?${query}`;
   }
 
-  /** A picture is up. */
   protected put(image: HTMLElement, facts: Readonly<Record<string, string | number>>): void {
     this.image.replaceChildren(image);
     this.element.classList.remove("blank");

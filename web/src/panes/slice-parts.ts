@@ -6,9 +6,7 @@ import { perform } from "../store/commands.ts";
 import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 
-/** The larger side of a picture of the server. */
 export const MOST_PIXELS = 768;
-/** The larger side of a slice that is saved. */
 export const MOST_SAVED_PIXELS = 4096;
 
 /** What a slice of the close-up shows, and how it differs from others under a hand. */
@@ -18,11 +16,9 @@ export interface SliceRole {
   readonly isOpposite: boolean;
   /** Whether layers are shown, not the case alone. */
   readonly isLayer: boolean;
-  /** The zoom at first. */
   readonly zoom: number;
   /** The side on which a place is. */
   words(position_in_patient: Vec3): string;
-  /** A drag with the right button. */
   window(move: Vec2): void;
   /** The cross is put here; `isDone` when the hand has left. */
   move(position_in_patient: Vec3, isDone: boolean): void;

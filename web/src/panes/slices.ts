@@ -38,10 +38,8 @@ import { Trace } from "./trace.ts";
 
 /** The server's colours of outlines, in their order. */
 const OUTLINE_COLOURS = 8;
-/** A step of the wheel and of the arrows, in mm. */
 const STEP_MM = 1;
 
-/** What a picture of a slice shows. */
 interface Seen {
   readonly state: ViewState;
   readonly view: SliceView;
@@ -51,7 +49,6 @@ export class SlicePane extends PlanePane {
   readonly plane: Plane;
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
   readonly #legend = h("div", { class: "outlines", hidden: true });
-  /** Of the close-up. */
   readonly #role: SliceRole | null;
   #mask: MaskLayer | null = null;
   readonly #trace = new Trace((place) => this.#turn(place));

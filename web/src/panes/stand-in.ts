@@ -13,7 +13,6 @@ import { troubleWords } from "../base/problem-words.ts";
 
 const FULL_PIXELS = 1024;
 const MOVING_PIXELS = 320;
-/** The larger side of a picture that is saved. */
 const MOST_PIXELS = 4096;
 
 interface ServedListener {

@@ -122,7 +122,6 @@ export class SurfacePane {
     return this.#drawn && this.surface.pick(this.#drawn, ...place);
   }
 
-  /** Describes the surface for screen readers. */
   describe(words: string): void {
     setText(this.#keys, `${words} ${t("surface.keys")}`);
   }
@@ -213,7 +212,6 @@ export class SurfacePane {
     if (this.surface) this.#store.meet(this.surface);
   }
 
-  /** Shows marks on the surface. */
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
     if (this.#drawn) this.#marks(this.#drawn);

@@ -15,7 +15,6 @@ import { recallLayout } from "./saved-layouts.ts";
 import { walk } from "./steps.ts";
 import type { Store } from "./store.ts";
 
-/** What a command does. */
 type Work<Kind extends Command["kind"]> = (store: Store, command: Command & { readonly kind: Kind }) => unknown;
 
 const ofLayers = ({ layers }: Store, command: LayerCommand): void => layers.command(command);

@@ -30,11 +30,9 @@ import { FindingsSync } from "./findings-sync.ts";
 import { preferences } from "./preferences.ts";
 import type { View } from "./view.ts";
 
-/** A change of the list. */
 interface Step {
   readonly before: readonly Finding[];
   readonly after: readonly Finding[];
-  /** When it was taken. */
   readonly at_ms: number;
 }
 
@@ -115,7 +113,6 @@ export class Findings {
     }, LOOK_MS);
   }
 
-  /** Reads what is stored. */
   async load(): Promise<void> {
     try {
       await this.sync.load();
@@ -167,7 +164,6 @@ export class Findings {
 
   // -- What a reader does
 
-  /** Marks the cross as a finding. */
   add(): void {
     const { crosshair_mm, overlay } = this.#view.now;
     if (!crosshair_mm) return note(t("findings.no-point"));

@@ -12,7 +12,6 @@ import type { ViewState } from "../model/state.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { View } from "./view.ts";
 
-/** The words of each list. */
 export const LIST_WORDS = {
   blur: { ask: "candidates.ask", nothing: "candidates.nothing", warning: "candidates.warning" },
   thickness: { ask: "thick.ask", nothing: "thick.nothing", warning: "thick.warning" },
@@ -32,7 +31,6 @@ function readSeen(id: string): ReadonlySet<string> {
 
 export const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
 
-/** The places of a map. */
 export class PlacesOfMap {
   readonly map: ListingMap;
   readonly list = signal<CandidateList | null>(null);
@@ -98,7 +96,6 @@ export class Places {
     for (const end of this.#ends) end();
   }
 
-  /** Whether a place was looked at. */
   isSeen({ position_in_patient }: Candidate): boolean {
     return this.#seen.value.has(nameOf(position_in_patient));
   }
@@ -110,7 +107,6 @@ export class Places {
     return (list.peek() ?? (await this.#layers.candidates(map))).candidates.filter(standsOut);
   }
 
-  /** Asks the server for the places of a map. */
   async ask(list: PlacesOfMap): Promise<void> {
     ASKED.add(`${this.#id} ${list.map}`);
     list.isAsked = true;

@@ -9,7 +9,6 @@ import { type Protocol, isProtocol } from "../model/steps.ts";
 import { parsed, plainLine } from "../model/text.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
-/** The tabs of the panel. */
 export const TASKS = ["read", "images", "case"] as const;
 export type Task = (typeof TASKS)[number];
 
@@ -31,11 +30,9 @@ export interface Preferences {
   readonly linked_zoom: boolean;
   /** Whether the list of cases is shown beside a picture. */
   readonly list: boolean;
-  /** Whether the panel beside the picture is shown. */
   readonly panel: boolean;
   /** Whose sections the panel shows. */
   readonly task: Task;
-  /** The names of the sections that are unfolded. */
   readonly unfolded: readonly string[];
   /** The steps of a reading. */
   readonly protocol: Protocol;

@@ -13,7 +13,6 @@ import type { Store } from "./store.ts";
 /** The steps of the protocol that is chosen. */
 export const stepsNow = (): readonly Step[] => PROTOCOLS[preferences.value.protocol];
 
-/** A step in words. */
 export function stepWords({ shows, layout, surface = "whole", view, depth_mm = 0 }: Step): string {
   if (shows) return t(`step.${shows}`);
   const direction = t(isHalf(surface) ? `surface.${surface}-inner` : `view.${view ?? "oblique"}`);
@@ -45,7 +44,6 @@ export function walk(store: Store, by: number): void {
   else note(`${words} ${t(by > 0 ? "step.last" : "step.first")}`.trim());
 }
 
-/** Shows a step. */
 export async function takeStep(store: Store, step: Step, skipped = ""): Promise<void> {
   const { view, shown, layers, rows } = store;
   const { name, shows } = step;

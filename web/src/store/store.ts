@@ -41,7 +41,6 @@ export class Store {
   readonly status = signal<SurfaceStatus | null>(null);
   /** The state as the panes draw it. */
   readonly drawn = computed(() => this.places.outlined(this.layers.drawn.value));
-  /** What is marked in the panes. */
   readonly marked = computed(() => [...this.findings.marked.value, ...this.measures.marked.value]);
   readonly loading = signal<Loading>(null);
   /** Whether all that could be loaded is here. */
@@ -64,7 +63,6 @@ export class Store {
   readonly task = signal<Task>(preferences.peek().task);
   /** Whether a hand rests on a pane: pictures in between may be coarse. */
   readonly isMoving = signal(false);
-  /** Whether nothing has changed for a while. */
   readonly isResting = signal(false);
   /** Whether all that lies over the head is hidden, as long as a key is held. */
   readonly isBare = signal(false);
@@ -176,7 +174,6 @@ export class Store {
     this.trouble.value = troubleWords(problem);
   }
 
-  /** Says why nothing was marked. */
   miss(words: string): void {
     this.point.missed.value = words;
     note(words);
@@ -196,7 +193,6 @@ export class Store {
     });
   }
 
-  /** Takes the cross away. */
   forgetCross(): void {
     this.point.picked = null;
     this.change({ crosshair_mm: null }, true);

@@ -22,7 +22,6 @@ export interface LoadProgress {
 /** Why the server draws though the page was asked to: the page says it in words. */
 export type Fallback = "no-webgl2" | "context-lost" | "too-large" | "failed";
 
-/** The state of a surface. */
 export interface SurfaceStatus {
   /** Who draws now; it differs from the state's way while that one is being fetched, or cannot be had. */
   readonly way: Exclude<Way, "auto">;
@@ -43,7 +42,6 @@ export interface SurfaceOptions {
   readonly onDrawn: (state: ViewState | null) => void;
   /** Called at first and with every change. */
   readonly onStatus: (status: SurfaceStatus) => void;
-  /** The voxels of a layer. */
   readonly layer: (name: string) => Promise<Block>;
   /** Hears that a surface of a part cannot be shown, and why. */
   readonly noPart: (problem: unknown) => void;

@@ -34,7 +34,6 @@ export class View {
     return this.state.peek();
   }
 
-  /** How the case is left. */
   get left(): Left {
     return { state: this.now, history: this.#history };
   }
