@@ -15,8 +15,8 @@ export const stepsNow = (): readonly Step[] => PROTOCOLS[preferences.value.proto
 
 export function stepWords({ shows, layout, surface = "whole", view, depth_mm = 0 }: Step): string {
   if (shows) return t(`step.${shows}`);
-  const direction = t(isHalf(surface) ? `surface.${surface}-inner` : `view.${view ?? "oblique"}`);
-  return `${layout === "map" || layout === "mirror" ? t(`layout.${layout}`) : direction} · ${number(depth_mm)} mm`;
+  const seen = isHalf(surface) ? `${t(`surface.${surface}`)} · ${t("surface.inner")}` : t(`view.${view ?? "oblique"}`);
+  return `${layout === "map" || layout === "mirror" ? t(`layout.${layout}`) : seen} · ${number(depth_mm)} mm`;
 }
 
 /** The newest FLAIR that is ready. */
