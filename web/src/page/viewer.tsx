@@ -119,7 +119,7 @@ export class Viewer {
     this.element.dataset.loaded = "true";
     store.isLoaded.value = true;
     store.meet(this.#surface.surface);
-    void store.findings.load().then(() => this.#goToFinding());
+    void this.#readFindings();
     store.caseLayers.ask().catch(() => {});
     catchUp(store);
     this.#schedule();
@@ -135,13 +135,16 @@ export class Viewer {
     this.store.take(state);
     this.store.remark.value = unreadWords(unread);
     this.#finding = finding;
-    if (this.store.isLoaded.peek()) this.#goToFinding();
+    if (finding && this.store.isLoaded.peek()) void this.#readFindings();
   }
 
-  #goToFinding(): void {
-    const [id, store] = [this.#finding, this.store];
+  /** Reads what is stored, and goes to the finding that the address names. */
+  async #readFindings(): Promise<void> {
+    const { store } = this;
+    const isRead = await store.findings.load();
+    const id = this.#finding;
+    if (!id || !isRead || store.isOver) return;
     this.#finding = "";
-    if (!id || store.isOver) return;
     const row = store.rows.all.peek().find(({ finding }) => finding?.id === id);
     store.task.value = "read";
     if (row) goToRow(store, row);

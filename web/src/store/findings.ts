@@ -113,7 +113,8 @@ export class Findings {
     }, LOOK_MS);
   }
 
-  async load(): Promise<void> {
+  /** Whether what is stored could be read. */
+  async load(): Promise<boolean> {
     try {
       await this.sync.load();
       if (this.#isUnread) this.status.value = "";
@@ -122,6 +123,7 @@ export class Findings {
       this.#isUnread = true;
       this.status.value = problemWords(problem);
     }
+    return !this.#isUnread;
   }
 
   dispose(): void {
