@@ -24,7 +24,7 @@ const common = {
 /** The text of a shader without the spaces that no compiler needs. */
 async function shader({ path: file }) {
   const text = await readFile(file, "utf8");
-  return { loader: "text", contents: text.replace(/^\s+/gm, "").replace(/ ?([-+*/=<>&|?:,;(){}]+) ?/g, "$1") };
+  return { loader: "text", contents: text.replace(/^\s+/gm, "").replace(/ ?([*/=<>&|?:,;(){}]+) ?/g, "$1") };
 }
 
 /** The documents: each has the head of `src/page.html`, the style sheet, and an entry of its own; the first one has the icons. */
