@@ -17,16 +17,23 @@ const common = {
   target: "es2022",
   jsx: "automatic",
   jsxImportSource: "preact",
-  loader: { ".glsl": "text" },
+  plugins: [{ name: "shaders", setup: (bundler) => bundler.onLoad({ filter: /\.glsl$/ }, shader) }],
   logLevel: "warning",
 };
 
-/** The documents: each has the head of `src/page.html`, the style sheet, and an entry of its own. */
+/** The text of a shader without the spaces that no compiler needs. */
+async function shader({ path: file }) {
+  const text = await readFile(file, "utf8");
+  return { loader: "text", contents: text.replace(/^\s+/gm, "").replace(/ ?([*/=<>&|?:,;(){}]+) ?/g, "$1") };
+}
+
+/** The documents: each has the head of `src/page.html`, the style sheet, and an entry of its own; the first one has the icons. */
 const DOCUMENTS = [
   {
     address: "/",
     file: "index.html",
     entry: "src/page/main.tsx",
+    icons: true,
     class: "reading",
     description: "Curved cuts of the cortex at any depth.",
   },
@@ -69,12 +76,14 @@ async function page() {
   const hashed = [...files.keys()].sort();
   const outputs = Object.entries(metafile.outputs);
   const outputOf = (entry) => outputs.find(([, { entryPoint }]) => entryPoint === entry)[0];
+  const shapes = (await readFile(path.join(web, "src/icons.svg"), "utf8")).replace(/\n */g, "");
   const template = await readFile(path.join(web, "src/page.html"), "utf8");
-  const documents = DOCUMENTS.map(({ address, file, entry, ...texts }) => {
+  const documents = DOCUMENTS.map(({ address, file, entry, icons, ...texts }) => {
     const script = outputOf(entry);
     const chunks = staticImports(metafile, script).map((chunk) => path.basename(chunk));
     const values = {
       ...texts,
+      icons: icons ? shapes : "",
       script: path.basename(script),
       style: path.basename(outputOf(STYLE)),
       preloads: chunks.map((chunk) => `<link rel="modulepreload" href="./${chunk}">`).join("\n  "),

@@ -216,3 +216,119 @@ test(
     await context.close();
   },
 );
+
+test(
+  "0 goes through the steps of a reading and back, which are ticked; what the case cannot show is passed over, and said",
+  { skip, timeout: 300_000 },
+  async () => {
+    const { page, context, troubles } = await openPage(browser);
+    await page.goto(new URL(`#${id}&r=mesh&d=12&v=superior`, server.address).href);
+    await shown(page);
+    await page.locator("summary", { hasText: "Looked at" }).click();
+    const steps = page.locator(".steps button");
+    const inner = ["Left", "Right"].map((side) => `${side} · Inner side · 8 mm`);
+    const names = ["Left · 8 mm", "Right · 8 mm", ...inner, "Map · 8 mm"];
+    assert.deepEqual(await steps.allInnerTexts(), [...names, "Places to look at", "FLAIR", "Findings and report"]);
+    const said = (words: string): Promise<void> => page.locator(".note", { hasText: words }).waitFor();
+    await page.focus("#surface");
+    await page.keyboard.press("0");
+    await said("Step 1 of 8: Left · 8 mm");
+    const { d, v } = await fragment(page);
+    assert.deepEqual([d, v], ["8", undefined]);
+    await page.locator(".steps .seen").waitFor();
+    await page.keyboard.press("0");
+    await said("Step 2 of 8: Right · 8 mm");
+    // The bright ball is on the patient's right.
+    const box = await page.locator("#surface").boundingBox();
+    assert.ok(box);
+    const lit = await until(
+      async () => brightest(page, await page.screenshot({ clip: box }), 230),
+      (found) => (found?.count ?? 0) > 500,
+    );
+    assert.ok(lit && Math.abs(lit.x - 0.5) < 0.05, JSON.stringify(lit));
+    assert.equal((await fragment(page)).v, "right");
+    await page.locator(".steps .seen", { hasText: "Right · 8 mm" }).waitFor();
+    await page.keyboard.press("Shift+0");
+    await said("Step 1 of 8");
+    await page.keyboard.press("Shift+0");
+    await said("This is the first step.");
+    assert.equal((await fragment(page)).v, undefined);
+
+    await steps.filter({ hasText: "Map" }).click();
+    await page.waitForSelector("body[data-layout=map]");
+    assert.equal(await page.locator(".steps [aria-current=step]").innerText(), "Map · 8 mm");
+    const current = page.locator(".steps [aria-current=step]");
+    await page.focus("#flat-map");
+    await page.keyboard.press("0");
+    await current.filter({ hasText: "Places to look at" }).waitFor();
+    // Nothing was added to the phantom.
+    assert.ok(await steps.filter({ hasText: "FLAIR" }).isDisabled());
+    await page.keyboard.press("0");
+    await said("This case does not have: FLAIR. Step 8 of 8: Findings and report");
+    await page.keyboard.press("0");
+    await said("That was the last step.");
+    for (const [width, height, theme] of [
+      [1440, 900, "dark"],
+      [1024, 768, "light"],
+    ] as const) {
+      await page.setViewportSize({ width, height });
+      await page.evaluate((name) => (document.documentElement.dataset["theme"] = name), theme);
+      await steps.first().scrollIntoViewIfNeeded();
+      await keep(page, `steps-${width}-${theme}`);
+      assert.deepEqual(await violations(page), []);
+    }
+    await page.locator("#protocol").selectOption({ label: "Mirrored" });
+    assert.deepEqual((await steps.allInnerTexts()).slice(0, 2), ["Mirror · 8 mm", "Map · 8 mm"]);
+    await page.reload();
+    await shown(page);
+    assert.equal(await steps.count(), 5);
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);
+
+test("the pictures are shown alone, and moved by a drag", { skip, timeout: 300_000 }, async () => {
+  const { page, context, troubles } = await openPage(browser);
+  await page.goto(new URL(`#${id}&r=mesh&d=12&l=slices`, server.address).href);
+  await shown(page);
+  await page.focus("#surface");
+  await page.keyboard.press("Shift+V");
+  await page.waitForSelector("body.alone");
+  const panes = await page.locator(".panes").boundingBox();
+  assert.deepEqual([panes?.width, panes?.height], [1440, 900]);
+  await keep(page, "alone");
+  await page.keyboard.press("Escape");
+  await page.locator(".depth-bar").waitFor();
+
+  const slice = await page.locator(".slice.axial .slice-view").boundingBox();
+  assert.ok(slice);
+  const middle = [slice.x + slice.width / 2, slice.y + slice.height / 2] as const;
+  const drag = async (): Promise<void> => {
+    await page.mouse.move(...middle);
+    await page.mouse.down();
+    await page.mouse.move(middle[0] + 40, middle[1] + 10, { steps: 4 });
+    await page.mouse.up();
+  };
+  const lit = async (): Promise<number> =>
+    (await brightest(page, await page.screenshot({ clip: slice }), 230))?.x ?? NaN;
+  const before = await lit();
+  assert.ok(before < 0.5, "the ball, on the patient's right, is on the left");
+  const move = page.locator(".tools").getByRole("button", { name: /^Move/ });
+  await move.click();
+  await drag();
+  // The head follows the hand.
+  await until(
+    () => lit(),
+    (now) => Math.abs(now - before - 40 / slice.width) < 0.01,
+  );
+  assert.equal((await fragment(page)).x, undefined, "nothing is marked");
+  await move.click();
+  assert.equal(await move.getAttribute("aria-pressed"), "false");
+  await drag();
+  await until(
+    () => fragment(page),
+    (now) => now.x !== undefined,
+  );
+  assert.deepEqual(troubles, []);
+  await context.close();
+});

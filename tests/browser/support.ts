@@ -309,6 +309,7 @@ export async function readyCase(address: string, seconds = 480): Promise<string>
 
 /** A finding as the server keeps it. */
 export interface StoredFinding {
+  readonly id: string;
   readonly kind: string;
   readonly points_in_patient: readonly (readonly number[])[];
   readonly depth_mm: number;

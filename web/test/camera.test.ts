@@ -2,12 +2,11 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMED_VIEWS, VIEW_NAMES, edgesOf, facing, mirrored, project, viewName } from "../src/model/camera.ts";
-import { mirrorPlane, plainPlane, reflected, reflection } from "../src/model/midsagittal.ts";
+import { plainPlane, reflected, reflection } from "../src/model/midsagittal.ts";
 import {
   type Quat,
   type Vec3,
   angleBetween,
-  between,
   compose,
   inverted,
   normalized,
@@ -132,17 +131,6 @@ test("a point reflected twice is itself, one on the plane stays, and the affine 
   const middle: Vec3 = [(point[0] + other[0]) / 2, (point[1] + other[1]) / 2, (point[2] + other[2]) / 2];
   near(reflected(middle, TILTED), middle);
   near(reflected(point, PLAIN), [-40, -5, 44]);
-});
-
-test("a case without a plane of its own is mirrored at the sagittal plane through the sphere's centre", () => {
-  assert.deepEqual(mirrorPlane({ envelope_sphere: SPHERE }), { normal: [1, 0, 0], offset_mm: 10 });
-  assert.equal(mirrorPlane({ envelope_sphere: SPHERE, midsagittal: TILTED }), TILTED);
-});
-
-test("the way between two orientations is steady", () => {
-  const quarter = turnAbout([0, 0, 1], Math.PI / 2);
-  const half = between([0, 0, 0, 1], quarter, 0.5);
-  assert.ok(Math.abs(angleBetween([0, 0, 0, 1], half) - Math.PI / 4) < 1e-9);
 });
 
 test("an affine and its inverse cancel, and a flat one has none", () => {

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMED_VIEWS } from "../src/model/camera.ts";
-import { readAddress, readState, writeAddress } from "../src/model/fragment.ts";
+import { findingAddress, readAddress, readState, writeAddress } from "../src/model/fragment.ts";
 import { type Quat, angleBetween, unit } from "../src/model/space.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
@@ -152,4 +152,12 @@ test("an address names a case, nothing, or something that is no case", () => {
   ]) {
     assert.deepEqual(readAddress(fragment), { kind: "unknown" }, fragment);
   }
+});
+
+test("a link to a finding leads to it, and says nothing else of the view", () => {
+  const link = findingAddress(SHOWN.id, "f-1");
+  const of = { kind: "case", id: SHOWN.id } as const;
+  assert.deepEqual(readAddress(link), { ...of, rest: "", finding: "f-1" });
+  assert.deepEqual(readAddress(`#${SHOWN.id}&d=3&finding=f-1&l=map`), { ...of, rest: "d=3&l=map", finding: "f-1" });
+  assert.deepEqual(readAddress(`#${SHOWN.id}&d=3`), { ...of, rest: "d=3", finding: "" });
 });

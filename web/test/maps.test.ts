@@ -18,7 +18,7 @@ import {
   styleOfMap,
   toggled,
 } from "../src/model/maps.ts";
-import { mirrorPlane, sideOf, sideSeen } from "../src/model/midsagittal.ts";
+import { sideOf, sideSeen } from "../src/model/midsagittal.ts";
 import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { turnBody } from "../src/model/series.ts";
 import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
@@ -153,7 +153,7 @@ test("a place of the mesial wall, or deep beside it, is shown on the inner side 
 
 test("the mirror layout shows the marked hemisphere as it was acquired; without a mark, the left one", () => {
   const first = firstState(SHOWN);
-  const plane = mirrorPlane(SHOWN);
+  const plane = SHOWN.midsagittal;
   const seen = (state: ViewState): string => {
     const { orientation } = { ...state, ...laidOut("mirror", state, SHOWN) };
     return sideSeen(towardsViewer(orientation), plane);

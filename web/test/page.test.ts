@@ -292,9 +292,17 @@ test("preferences that are damaged are as at first", () => {
     panel: true,
     task: "read",
     unfolded: ["panel.list", "panel.point", "panel.layers"],
+    protocol: "complete",
     reader: "",
   });
-  for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3,"unfolded":1}'])
+  for (const text of [
+    "",
+    "{",
+    "[]",
+    "null",
+    "7",
+    '{"theme":"pink","language":"xx","wheel":3,"unfolded":1,"protocol":"toString"}',
+  ])
     assert.deepEqual(readPreferences(text, ["en"]), first, text);
   assert.equal(readPreferences('{"theme":"light"}', ["en"]).theme, "light");
 });

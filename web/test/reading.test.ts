@@ -3,12 +3,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { NAMED_VIEWS } from "../src/model/camera.ts";
+import { NAMED_VIEWS, viewName } from "../src/model/camera.ts";
 import { Checklist, bandOf, looksOf } from "../src/model/checklist.ts";
 import { commandOf, recallOf } from "../src/model/keys.ts";
 import { firstOverlay } from "../src/model/maps.ts";
 import { boundName, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";
+import { PROTOCOLS } from "../src/model/steps.ts";
 import { SHOWN } from "./shown.ts";
 
 const first = firstState(SHOWN);
@@ -96,7 +97,57 @@ test("stored layouts that are damaged are left out, and names are one plain line
   assert.equal(boundName(`\u202egnp.\u0007<b>\n${"x".repeat(60)}`), `gnp. <b> ${"x".repeat(31)}`);
 });
 
-test("g awaits a number; k takes the ruler", () => {
+test("a saved layout has its surface and the inner sides of the map; one of before is of the whole brain", () => {
+  const saved = savedAs("halves", { ...first, surface: "left", map: { ...first.map, has_inner: true } });
+  const back = recalled(saved, first, SHOWN);
+  assert.deepEqual([back.surface, back.map], ["left", { ...first.map, has_inner: true }]);
+  const { surface, has_inner, ...before } = saved;
+  const [read] = readLayouts(JSON.stringify([before]));
+  assert.deepEqual([read?.surface, read?.has_inner, surface, has_inner], ["whole", false, "left", true]);
+});
+
+test("a step shows its view whatever was marked, and what it does not say stays", () => {
+  const marked: ViewState = { ...first, convention: "neurological", colormap: "bone", overlay: firstOverlay("blur") };
+  const shown = PROTOCOLS.complete.map((step) => ({ ...marked, ...recalled(step, marked, SHOWN) }));
+  assert.deepEqual(
+    shown.map(({ layout, surface, orientation }) => [layout, surface, viewName(orientation)].join(" ")),
+    [
+      "single whole left",
+      "single whole right",
+      "single left right",
+      "single right left",
+      "map whole left",
+      "both whole left",
+      "both whole left",
+      "both whole left",
+    ],
+  );
+  for (const { depth_mm, overlay, convention, colormap } of shown)
+    assert.deepEqual([depth_mm, overlay, convention, colormap], [8, null, "neurological", "bone"]);
+  // One half is looked at from its outer side, or as its inner side alone.
+  assert.deepEqual(shown.slice(0, 4).map(looksOf), [["left"], ["right"], [], []]);
+  const depths = PROTOCOLS.depths.slice(0, 4).map((step) => recalled(step, marked, SHOWN));
+  assert.deepEqual(
+    depths.map(({ layout, depth_mm }) => [layout, depth_mm]),
+    [6, 10, 15, 20].map((depth) => ["mirror", depth]),
+  );
+  for (const steps of Object.values(PROTOCOLS)) assert.equal(new Set(steps.map(({ name }) => name)).size, steps.length);
+});
+
+test("a step is ticked once it was looked at, not passed by", () => {
+  const list = new Checklist();
+  list.show(first, 0, null, "left 8");
+  list.show(first, 900, null, "right 8");
+  list.show(first, 3000);
+  assert.deepEqual(
+    ["left 8", "right 8", "map"].map((step) => list.hasStep(step)),
+    [false, true, false],
+  );
+  list.clear();
+  assert.equal(list.hasStep("right 8"), false);
+});
+
+test("g awaits a number; k takes the ruler; 0 goes to the next step, with shift to the one before", () => {
   const key = (text: string) => ({
     key: text,
     code: "",
@@ -107,6 +158,8 @@ test("g awaits a number; k takes the ruler", () => {
   });
   assert.deepEqual(commandOf(key("g")), { kind: "layouts" });
   assert.deepEqual(commandOf(key("k")), { kind: "ruler" });
+  assert.deepEqual(commandOf(key("0")), { kind: "step", steps: 1 });
+  assert.deepEqual(commandOf({ ...key(")"), code: "Digit0", shiftKey: true }), { kind: "step", steps: -1 });
   assert.deepEqual(recallOf(key("7")), { kind: "recall", number: 7 });
   assert.equal(recallOf(key("0")), null);
   assert.equal(recallOf({ ...key("7"), ctrlKey: true }), null);

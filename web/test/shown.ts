@@ -35,5 +35,6 @@ export const SHOWN: ReadyCase = {
   max_depth_mm: 41.237,
   envelope_ml: 1400,
   envelope_sphere: { center_in_patient: [0, 20, 15], radius_mm: 80 },
+  midsagittal: { normal: [1, 0, 0], offset_mm: 0 },
   intensity: { min: 0, max: 1000, window: { center: 400, width: 600 } },
 };

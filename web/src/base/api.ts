@@ -1,9 +1,11 @@
 // The server's interface. A token lives in this module's memory alone.
 
+import { parsed } from "../model/text.ts";
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
+import { taken } from "./kept.ts";
 import { wait } from "./patience.ts";
 
 let token = "";
@@ -80,12 +82,10 @@ export function handOver(): void {
 }
 
 /** Takes what was left, once: a token, and what was shown. */
-export function takeHanded(): { readonly token: string; readonly left: string } {
-  const handed = { token: String(sessionStorage.token ?? ""), left: String(sessionStorage.left ?? "") };
-  sessionStorage.removeItem("token");
-  sessionStorage.removeItem("left");
-  return handed;
-}
+export const takeHanded = (): { readonly token: string; readonly left: string } => ({
+  token: taken("token"),
+  left: taken("left"),
+});
 
 /** Waits for another token than the one `sent` where `problem` is a 401; true when it is worth trying again. */
 async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {
@@ -151,23 +151,24 @@ export async function send(path: string, options: RequestInit = {}): Promise<Res
 export const ask = async <Answer>(path: string, options: RequestInit = { cache: "no-store" }): Promise<Answer> =>
   (await send(path, options)).json() as Promise<Answer>;
 
+/** The last part of a problem's type; empty if it has none. */
+export const kindOf = (problem: ProblemBody | undefined): string =>
+  String(problem?.type ?? "")
+    .split(":")
+    .at(-1) ?? "";
+
+/** What the server answers to a body of JSON. */
+export const post = <Answer>(path: string, body: unknown): Promise<Answer> =>
+  ask(path, { method: "POST", body: JSON.stringify(body) });
+
 /** Reads a problem+json body; another body is not shown. */
 export function problemFrom(status: number, headers: { get(name: string): string | null }, body: string): Problem {
-  let problem: ProblemBody = {};
-  if (headers.get("content-type")?.includes("json")) {
-    try {
-      problem = JSON.parse(body) as ProblemBody;
-    } catch {
-      // A body that is no JSON says nothing to the user; the status does.
-    }
-  }
-  const kind =
-    String(problem.type ?? "")
-      .split(":")
-      .at(-1) ?? "";
+  // A body that is no JSON says nothing to the user; the status does.
+  const isJson = headers.get("content-type")?.includes("json");
+  const problem = ((isJson && parsed(body)) || {}) as ProblemBody;
   return new Problem(
     status,
-    kind,
+    kindOf(problem),
     String(problem.detail ?? problem.title ?? ""),
     Number(headers.get("retry-after")) || 0,
     String(problem.reason ?? ""),
@@ -187,7 +188,7 @@ export function listCases(after: string | null, limit = 0): Promise<CasePage> {
 
 /** The newest cases with a part of a label, `limit` of them at most. */
 export async function findCases(label: string, limit: number): Promise<readonly Case[]> {
-  return (await ask<CasePage>("v1/cases/search", { method: "POST", body: JSON.stringify({ label, limit }) })).cases;
+  return (await post<CasePage>("v1/cases/search", { label, limit })).cases;
 }
 
 export async function allCases(): Promise<Case[]> {
@@ -200,7 +201,6 @@ export async function allCases(): Promise<Case[]> {
   }
 }
 
-/** Whether any series has come from a PACS. */
 export async function anyArrivals(): Promise<boolean> {
   return (await ask<{ readonly arrivals: readonly unknown[] }>("v1/arrivals?limit=1")).arrivals.length > 0;
 }
@@ -213,7 +213,6 @@ export const getCase = (id: string, part: PartName | null = null): Promise<Case>
 export const changeCase = (id: string, change: { readonly name?: string; readonly kept?: boolean }): Promise<Case> =>
   ask(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) });
 
-/** Deletes a case for good. */
 export async function deleteCase(id: string): Promise<void> {
   await send(`v1/cases/${id}`, { method: "DELETE" });
 }
@@ -280,7 +279,6 @@ export async function getDicom(id: string): Promise<Readonly<Record<string, stri
   return (await ask<{ attributes?: Record<string, string> }>(`v1/cases/${id}/dicom`)).attributes ?? {};
 }
 
-/** How many bytes of an upload are sent. */
 interface UploadProgress {
   readonly loaded: number;
   readonly total: number;

@@ -1,5 +1,6 @@
 // A case in words.
 
+import { kindOf } from "./api.ts";
 import type { Case, ProblemBody, Quality, ReadyCase } from "../model/case.ts";
 import { day, known, moment, number, numberUpTo, spoken, t } from "./i18n.ts";
 import { sentence, withNumbers } from "./problem-words.ts";
@@ -103,11 +104,7 @@ export function caseStatus(one: Case): string {
 
 /** Why a case or a layer could not be prepared. */
 export function failureWords(error: ProblemBody | undefined): string {
-  const kind =
-    String(error?.type ?? "")
-      .split(":")
-      .at(-1) ?? "";
-  const key = known(`problem.${kind}`);
+  const key = known(`problem.${kindOf(error)}`);
   if (key) return withNumbers(t(key), error?.detail ?? "");
   return error?.detail ? sentence(error.detail) : t("case.failed");
 }

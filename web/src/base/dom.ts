@@ -27,7 +27,6 @@ export function h<Tag extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
-/** An element of SVG. */
 export function svg<Tag extends keyof SVGElementTagNameMap>(
   tag: Tag,
   attributes: Attributes = {},
@@ -55,7 +54,7 @@ export function setValue(input: HTMLInputElement | HTMLSelectElement, value: str
   if (!typing && input.value !== String(value)) input.value = String(value);
 }
 
-/** The page's icons: their shapes are in `page.html`, in boxes of 24 by 24, drawn as lines. */
+/** The page's icons: their shapes are in `icons.svg`, in boxes of 24 by 24, drawn as lines. */
 export const ICONS = [
   "play",
   "pause",
@@ -77,6 +76,7 @@ export const ICONS = [
   "settings",
   "help",
   "point",
+  "move",
   "window",
   "ruler",
   "across",

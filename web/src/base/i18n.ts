@@ -1,5 +1,6 @@
 // The page's words, each language in a script of its own: only the one that is spoken is fetched.
 
+import { clamp } from "../model/space.ts";
 import { wait } from "./patience.ts";
 import type english from "../words.en.json";
 
@@ -83,7 +84,7 @@ export function numberUpTo(value: number, digits: number): string {
 /** A number in a field: with so many figures, or all before the point, and without marks between thousands. */
 export function plainNumber(value: number, figures: number): string {
   const before = Math.floor(Math.log10(Math.max(Math.abs(value), 1e-9))) + 1;
-  const maximumFractionDigits = Math.min(Math.max(figures - before, 0), 12);
+  const maximumFractionDigits = clamp(figures - before, 0, 12);
   return new Intl.NumberFormat(language, { maximumFractionDigits, useGrouping: false }).format(value);
 }
 

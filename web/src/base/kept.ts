@@ -17,3 +17,10 @@ export function keep(where: Where, key: string, value: unknown): void {
     // Forbidden, or full.
   }
 }
+
+/** Takes a text that another document has left in this tab, once; empty if there is none. */
+export function taken(key: string): string {
+  const text = keptText("sessionStorage", key) ?? "";
+  if (text !== "") sessionStorage.removeItem(key);
+  return text;
+}

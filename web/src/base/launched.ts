@@ -1,6 +1,9 @@
 // What the page that opens the case of a study and the page of the case leave to each other: in the storage of the tab, until
 // it is read, because it names a patient's study.
 
+import { parsed } from "../model/text.ts";
+import { taken } from "./kept.ts";
+
 /** A case that was opened although others fit as well. */
 export interface Launched {
   readonly id: string;
@@ -15,12 +18,7 @@ export const leaveLaunch = (launched: Launched): void => sessionStorage.setItem(
 
 /** Takes what was left; null if nothing was. */
 export function takeLaunch(): Launched | null {
-  const text = taken("launched");
-  try {
-    return text === "" ? null : (JSON.parse(text) as Launched);
-  } catch {
-    return null;
-  }
+  return parsed(taken("launched")) as Launched | null;
 }
 
 /** Leaves a query to the page that shows the choice. */
@@ -28,14 +26,3 @@ export const leaveChoice = ({ query }: Launched): void => sessionStorage.setItem
 
 /** Takes that query; empty if there is none. */
 export const takeChoice = (): string => taken("choice");
-
-function taken(key: string): string {
-  try {
-    const text = sessionStorage.getItem(key) ?? "";
-    sessionStorage.removeItem(key);
-    return text;
-  } catch {
-    // A browser may forbid it.
-    return "";
-  }
-}

@@ -20,7 +20,6 @@ interface PictureListener<About, Picture> {
   complain(problem: unknown): void;
 }
 
-/** The server's picture at a path. */
 export const served = async ({ path }: { readonly path: string }): Promise<HTMLImageElement> =>
   decoded(await getPicture(path));
 

@@ -42,7 +42,6 @@ class Comparing {
   readonly isLinked = signal(true);
   readonly #registration = signal<Registration | null>(null);
   #timer = 0;
-  /** Why a case could not be opened. */
   #trouble = "";
   #opened = Promise.resolve();
 
@@ -63,7 +62,6 @@ class Comparing {
     }
   }
 
-  /** Shows what the address names. */
   async start(asked: string): Promise<void> {
     const [left = "", right = ""] = asked.split("/");
     if (left) void this.#open(this.left, left);
@@ -148,7 +146,6 @@ class Comparing {
   }
 }
 
-/** The bar above both cases. */
 function Bar({ comparing }: { readonly comparing: Comparing }) {
   const { words, isRough } = comparing.verdict.value;
   return (
@@ -175,7 +172,6 @@ function Bar({ comparing }: { readonly comparing: Comparing }) {
   );
 }
 
-/** The cases that can be chosen for a side. */
 function SideChoice({ comparing, side }: { readonly comparing: Comparing; readonly side: Side }) {
   const chosen = side.chosen.value;
   const offered = comparing.cases.value.filter(({ id, state }) => state === "ready" || id === chosen);

@@ -88,7 +88,6 @@ export class Side {
     this.element.replaceChildren(h("p", { class: "side-note", role: "status" }, t("compare.opening")));
   }
 
-  /** Shows nothing. */
   close(): void {
     [this.#frame, this.#shown, this.#state, this.#panes] = [null, null, null, null];
     this.#turn += 1;

@@ -18,13 +18,10 @@ export class TooLarge extends GlError {}
 
 /** What the painter draws with that is of no case. */
 export interface Equipment {
-  /** The shaders' texts. */
   readonly shaders: Readonly<Record<ShaderName, string>>;
-  /** What their variables are called. */
   readonly names: typeof names;
   /** A vertex and a fragment shader that find out whether a texture is filtered. */
   readonly probe: readonly [string, string];
-  /** The tables of the colours. */
   readonly colors: Readonly<Record<ColorName, string>>;
 }
 
@@ -255,7 +252,6 @@ export function createBlock(gl: Gl, format: Format, size: Vec3): WebGLTexture {
   return texture;
 }
 
-/** Slices of a block. */
 export interface Slices {
   readonly first: number;
   readonly count: number;
@@ -276,7 +272,6 @@ export interface Target {
   dispose(): void;
 }
 
-/** A picture of colours. */
 export function createTarget(gl: Gl, size: Vec2): Target {
   const frame = made(gl.createFramebuffer());
   const buffer = made(gl.createRenderbuffer());

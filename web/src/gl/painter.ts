@@ -44,9 +44,7 @@ import {
 import type { SurfaceName } from "../model/surfaces.ts";
 import type { Block, PathsTable } from "../model/wire.ts";
 
-/** Bytes that are handed to the device at once. */
 const UPLOAD_BYTES = 1 << 20;
-/** As many layers are kept on the device. */
 const MOST_LAYERS = 4;
 interface Texture {
   readonly texture: WebGLTexture;
@@ -116,7 +114,6 @@ export class Painter {
     createBlock(gl, gapped(gl, true, this.#encodings).format, [1, 1, 1]);
   }
 
-  /** Takes a mesh's triangles. */
   setTriangles(triangles: Uint32Array): void {
     const vertexCount = triangles.reduce((most, vertex) => Math.max(most, vertex + 1), 0);
     const indices = createIndices(this.#gl, triangles);
@@ -163,7 +160,6 @@ export class Painter {
     this.#volume = { texture, grid: texelGrid(volume, encoding.unit), isWhole };
   }
 
-  /** Whether the voxels of a layer are here. */
   hasLayer(name: string): boolean {
     return this.#layers.has(name);
   }
@@ -228,12 +224,10 @@ export class Painter {
     return texture;
   }
 
-  /** Whether the depths of a surface are present. */
   hasSurface(surface: SurfaceName): boolean {
     return this.#fields.get(surface)?.depths != null;
   }
 
-  /** Whether all data for a picture are present. */
   canDraw(way: Drawn, depth_mm: number, surfaces: readonly SurfaceName[]): boolean {
     const fields = surfaces.map((surface) => this.#fields.get(surface));
     if (!this.#volume || !fields.every((field) => field !== undefined)) return false;
@@ -242,7 +236,6 @@ export class Painter {
     return this.#mesh !== null && (isPositioned || surfaces.every((surface) => this.#shrinkings.has(surface)));
   }
 
-  /** Draws panes into the canvas. */
   draw(panes: readonly Pane[], way: Drawn, { share, depths }: Quality): void {
     const gl = this.#gl;
     const full: Vec2 = [gl.drawingBufferWidth, gl.drawingBufferHeight];
@@ -294,7 +287,6 @@ export class Painter {
     return readTarget(gl, this.#map);
   }
 
-  /** Whether all data for slices are present. */
   get canSlice(): boolean {
     return this.#volume?.isWhole === true && this.#fields.get("whole")?.depths != null;
   }
@@ -372,7 +364,6 @@ export class Painter {
     this.#positioned = { depth_mm, by: made(field) };
   }
 
-  /** Shades each pixel once. */
   #shade(way: Drawn): void {
     this.#fill(way === "mesh" ? this.#programs.reduce : this.#programs.trace);
   }

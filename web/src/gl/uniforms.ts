@@ -10,13 +10,22 @@ import { CUT_REACH } from "../model/points.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
 import { windowEnds } from "../model/state.ts";
 import type { SurfaceName } from "../model/surfaces.ts";
-import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "../model/space.ts";
+import {
+  type Affine,
+  type Vec2,
+  type Vec3,
+  add,
+  clamp,
+  inverted,
+  length,
+  subtract,
+  transform,
+} from "../model/space.ts";
 import type { PathsTable, TextureLayout } from "../model/wire.ts";
 
 /** The fields of a uniform block by name. */
 export type Fields = Readonly<Record<string, number | readonly number[]>>;
 
-/** A grid of texels. */
 export interface TexelGrid {
   readonly size: Vec3;
   readonly patient_from_voxel: Affine;
@@ -69,7 +78,6 @@ export interface OverlayLook extends Moved {
   readonly is_nearest: boolean;
 }
 
-/** What a pane shows. */
 export interface Look extends View {
   /** The surface that is drawn, or that has the contours. */
   readonly surface: SurfaceName;
@@ -77,7 +85,6 @@ export interface Look extends View {
   readonly window: Window;
   readonly slab_mm: number;
   readonly ambient: number;
-  /** Row of the table of colours. */
   readonly color_row: number;
   /** The layer in the place of the volume. */
   readonly layer: ({ readonly id: string } & Moved) | null;
@@ -147,7 +154,7 @@ export function windowLine(window: Window): { readonly black: number; readonly f
  */
 export function slabOffsets(slab_mm: number, depth_mm: number, native_spacing_mm: number): number[] {
   if (slab_mm === 0) return [];
-  const side = Math.min(Math.max(Math.ceil((2 * slab_mm) / native_spacing_mm), 1), MAX_SLAB_SAMPLES);
+  const side = clamp(Math.ceil((2 * slab_mm) / native_spacing_mm), 1, MAX_SLAB_SAMPLES);
   const steps = Array.from({ length: 2 * side + 1 }, (_, index) => ((index - side) * slab_mm) / side);
   return steps.filter((offset_mm) => depth_mm + offset_mm >= 0);
 }
@@ -296,7 +303,7 @@ export function extentOf(
     ),
   );
   const span = (axis: 0 | 1): readonly [number, number] => {
-    const places = corners.map((corner) => Math.min(Math.max(corner[axis], 0), size[axis]));
+    const places = corners.map((corner) => clamp(corner[axis], 0, size[axis]));
     return [Math.floor(Math.min(...places)), Math.ceil(Math.max(...places))];
   };
   const [[left, right], [top, bottom]] = [span(0), span(1)];
@@ -308,14 +315,13 @@ function extentOfDisc({ disc, view }: NonNullable<Look["onMap"]>, size: Vec2): R
   const { center, pixels_per_unit } = projectDisc(disc, view, size);
   const radius = MAP_MARGIN * pixels_per_unit + 1;
   const span = (axis: 0 | 1): readonly [number, number] => {
-    const within = (place: number): number => Math.min(Math.max(place, 0), size[axis]);
+    const within = (place: number): number => clamp(place, 0, size[axis]);
     return [Math.floor(within(center[axis] - radius)), Math.ceil(within(center[axis] + radius))];
   };
   const [[left, right], [top, bottom]] = [span(0), span(1)];
   return { left, top, size: [right - left, bottom - top] };
 }
 
-/** The block `Paths` for a depth. */
 export function pathsFields(table: PathsTable, depth_mm: number): Fields {
   const row = Math.max(0, Math.min(Math.floor(depth_mm / table.row_mm), table.row_count - 2));
   const first_piece = table.first_piece[row] ?? 0;

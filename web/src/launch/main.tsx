@@ -5,7 +5,7 @@ import { signal } from "@preact/signals";
 import { render } from "preact";
 import { useLayoutEffect } from "preact/hooks";
 
-import { handOver, send } from "../base/api.ts";
+import { ask, handOver, post, send } from "../base/api.ts";
 import { leaveLaunch } from "../base/launched.ts";
 import { type Key, known, numberUpTo, t } from "../base/i18n.ts";
 import { dateWords } from "../base/pacs.ts";
@@ -49,11 +49,6 @@ interface Retrieval {
   readonly reason?: { readonly detail: string };
 }
 
-const ask = async <Answer,>(path: string, body?: unknown): Promise<Answer> => {
-  const options = body ? { method: "POST", body: JSON.stringify(body) } : { cache: "no-store" as const };
-  return (await send(path, options)).json() as Promise<Answer>;
-};
-
 /** What distinguishes a case from the others; the patient alone if the server names one. */
 function wordsOf({ patient, study_date, acquired, series, state, ...facts }: Candidate): string {
   const size = facts.voxel_mm?.map((side) => numberUpTo(side, 2)).join(" × ");
@@ -92,7 +87,7 @@ const attempt = (work: Promise<void>): void =>
 /** Looks again and again until there is something to open, or nothing will come. */
 async function follow(): Promise<void> {
   for (;;) {
-    const found = await ask<Found>("v1/launch", { query: launchQuery });
+    const found = await post<Found>("v1/launch", { query: launchQuery });
     const reason = found.reason?.detail ?? "";
     if (isChoice && found.candidates.length > 1) {
       say("launch.several");
@@ -140,7 +135,7 @@ async function open(id: string, others = 0): Promise<void> {
 async function fetchFrom(node: string, { study, series }: Found): Promise<void> {
   choose([]);
   say("launch.fetching");
-  let retrieval = await ask<Retrieval>("v1/retrievals", { node, study, series });
+  let retrieval = await post<Retrieval>("v1/retrievals", { node, study, series });
   while (retrieval.state === "queued" || retrieval.state === "running") {
     await wait(LOOK_AGAIN_MS);
     retrieval = await ask<Retrieval>(`v1/retrievals/${retrieval.id}`);

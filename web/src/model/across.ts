@@ -1,10 +1,12 @@
 // The plane across a sulcus: how it lies in the patient, and its traces in other slices. Pure.
 
+import { parsed } from "./text.ts";
 import type { View } from "./camera.ts";
 import type { Sphere } from "./case.ts";
 import {
   type Quat,
   type Vec3,
+  AXES,
   compose,
   cross,
   dot,
@@ -32,16 +34,12 @@ export interface AcrossPlane {
 
 /** The server's text about a plane; null if it is none. */
 export function readPlane(text: string | null): Pick<AcrossPlane, "orientation" | "turned_about" | "angles"> | null {
-  try {
-    const stated = JSON.parse(text ?? "") as Partial<Record<keyof AcrossPlane, unknown>> | null;
-    const orientation = numbers(stated?.orientation, 4) && unit(stated?.orientation as Quat);
-    const about = numbers(stated?.turned_about, 3);
-    const { angles } = stated ?? {};
-    if (!orientation || !about || typeof angles !== "string") return null;
-    return { orientation, turned_about: normalized(about as unknown as Vec3), angles };
-  } catch {
-    return null;
-  }
+  const stated = parsed(text) as Partial<Record<keyof AcrossPlane, unknown>> | null;
+  const orientation = numbers(stated?.orientation, 4) && unit(stated?.orientation as Quat);
+  const about = numbers(stated?.turned_about, 3);
+  const { angles } = stated ?? {};
+  if (!orientation || !about || typeof angles !== "string") return null;
+  return { orientation, turned_about: normalized(about as unknown as Vec3), angles };
 }
 
 const numbers = (given: unknown, count: number): readonly number[] | null =>
@@ -63,11 +61,6 @@ export function turnedPlane(plane: AcrossPlane, turn_deg: number): AcrossPlane {
 export const normalOf = ({ orientation }: Pick<AcrossPlane, "orientation">): Vec3 =>
   rotate(inverse(orientation), [0, 0, 1]);
 
-const AXES: readonly Vec3[] = [
-  [1, 0, 0],
-  [0, 1, 0],
-  [0, 0, 1],
-];
 /** The sine of the least angle between two planes that have a line in common to draw, and to be turned by. */
 const LEAST_SINE = 0.1;
 

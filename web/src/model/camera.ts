@@ -6,6 +6,7 @@ import {
   type Quat,
   type Vec2,
   type Vec3,
+  AXES,
   add,
   angleBetween,
   compose,
@@ -75,12 +76,6 @@ export interface Projection {
   /** The patient's position of such a place. */
   positionOf(place: Vec3): Vec3;
 }
-
-const AXES: readonly Vec3[] = [
-  [1, 0, 0],
-  [0, 1, 0],
-  [0, 0, 1],
-];
 
 export function project(view: View, sphere: Sphere, size: Vec2): Projection {
   const mm_per_pixel = (2 * sphere.radius_mm) / (view.zoom * Math.min(...size));

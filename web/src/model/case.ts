@@ -15,7 +15,6 @@ export interface Intensity {
   readonly window: Window;
 }
 
-/** A sphere in the patient. */
 export interface Sphere {
   readonly center_in_patient: Vec3;
   readonly radius_mm: number;
@@ -41,18 +40,15 @@ export interface ProblemBody {
   readonly reason?: string;
 }
 
-/** A series among DICOM files. */
 export interface Series {
   readonly number: number | null;
   /** The kind of the sequence. */
   readonly name: string;
-  /** Whether it can be a layer. */
   readonly is_volume: boolean;
   /** What names it in another upload. */
   readonly token: string;
 }
 
-/** What is known of every case. */
 interface AnyCase {
   /** 32 hexadecimal digits. */
   readonly id: string;
@@ -100,7 +96,6 @@ export interface Quality {
 export interface ImageRun {
   /** The number of the first slice, from 1. */
   readonly slice: number;
-  /** The number of slices. */
   readonly count: number;
   /** The number of the first slice's image. */
   readonly number: number;
@@ -137,8 +132,7 @@ export interface ReadyCase extends AnyCase {
   readonly envelope_ml: number;
   /** What zoom 1 fits into a picture. */
   readonly envelope_sphere: Sphere;
-  /** The plane between the hemispheres; absent where the case is older than its fitting. */
-  readonly midsagittal?: MirrorPlane;
+  readonly midsagittal: MirrorPlane;
   /** The faces of the volume that cut the brain, their normals into the volume; absent if none does. */
   readonly cuts?: readonly MirrorPlane[];
   readonly intensity: Intensity;

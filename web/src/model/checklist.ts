@@ -2,7 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, type ViewName, towardsViewer } from "./camera.ts";
 import type { Side } from "./midsagittal.ts";
-import { dot } from "./space.ts";
+import { clamp, dot } from "./space.ts";
 import { isHalf } from "./surfaces.ts";
 import { type ViewState, hasSlices, isMirrored } from "./state.ts";
 
@@ -30,7 +30,6 @@ const OTHER: Readonly<Partial<Record<ViewName, ViewName>>> = { left: "right", ri
 export const LOOKS = [...VIEW_NAMES, "slices", "closer"] as const;
 export type Look = (typeof LOOKS)[number];
 
-/** The lobes of which marked places are counted. */
 export const LOBES = ["frontal", "parietal", "temporal", "occipital", "insula", "cingulate"] as const;
 export type Lobe = (typeof LOBES)[number];
 /** Where a marked place is. */
@@ -53,13 +52,17 @@ export class Checklist {
   readonly #ms = new Map<string, number>();
   #shown: { readonly keys: readonly string[]; readonly since: number } | null = null;
 
-  /** This is on the screen from now on, with a mark in a lobe, if its lobe is known; null: nothing is. */
-  show(state: ViewState | null, now: number, lobe: LobeSide | null = null): void {
+  /** This is on the screen from now on, with a mark in a lobe, if its lobe is known, as a step of a protocol; null: nothing is. */
+  show(state: ViewState | null, now: number, lobe: LobeSide | null = null, step: string | null = null): void {
     const { keys = [], since = now } = this.#shown ?? {};
-    const ms = Math.min(Math.max(now - since, 0), LONGEST_MS);
+    const ms = clamp(now - since, 0, LONGEST_MS);
     for (const key of keys) this.#ms.set(key, (this.#ms.get(key) ?? 0) + ms);
     const looks = state && [...looksOf(state), ...(lobe && state.crosshair_mm ? [lobe] : [])];
-    this.#shown = looks && { keys: looks.map((look) => `${look} ${bandOf(state.depth_mm)}`), since: now };
+    const steps = step === null ? [] : [`step ${step}`];
+    this.#shown = looks && {
+      keys: [...looks.map((look) => `${look} ${bandOf(state.depth_mm)}`), ...steps],
+      since: now,
+    };
   }
 
   /** For how long it was looked at, in s; 0 if it was only passed by. */
@@ -68,7 +71,10 @@ export class Checklist {
     return ms < LEAST_MS ? 0 : Math.round(ms / 1000);
   }
 
-  /** Nothing was looked at yet. */
+  hasStep(step: string): boolean {
+    return (this.#ms.get(`step ${step}`) ?? 0) >= LEAST_MS;
+  }
+
   clear(): void {
     this.#ms.clear();
   }

@@ -4,7 +4,7 @@ import { facing, mirrored, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
 import { firstOverlay, toggled } from "./maps.ts";
-import { distance_mm, mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
+import { distance_mm, sideOf, sideSeen } from "./midsagittal.ts";
 import { type Vec2, type Vec3, rotate, scale, subtract } from "./space.ts";
 import { isHalf, mirroredSurface, nextSurface } from "./surfaces.ts";
 import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
@@ -59,7 +59,7 @@ export function laidOut(layout: Layout, state: ViewState, shown: ReadyCase): Cha
   const { orientation, crosshair_mm, surface } = state;
   // What a close-up has beside its layer is its own.
   if (!isMirrored({ layout })) return state.layout === "closer" ? { layout, beside: null } : { layout };
-  const plane = mirrorPlane(shown);
+  const plane = shown.midsagittal;
   const marked = crosshair_mm ? sideOf(crosshair_mm, plane) : "middle";
   const isTold = marked === "left" || marked === "right";
   // One half alone shows its own side, also from within.
@@ -71,7 +71,7 @@ export function laidOut(layout: Layout, state: ViewState, shown: ReadyCase): Cha
 
 /** The change after which the other hemisphere is shown as it was acquired, where the mirrored half shows it flipped. */
 export const otherSide = (state: ViewState, shown: ReadyCase): Change => ({
-  ...mirrored(state, mirrorPlane(shown), shown.envelope_sphere),
+  ...mirrored(state, shown.midsagittal, shown.envelope_sphere),
   surface: mirroredSurface(state.surface),
 });
 
@@ -104,7 +104,7 @@ export const DEEP_MM = 30;
  * nearer at all if it is too deep for the whole brain; null if it is not.
  */
 export function innerSideOf(position: Vec3, depth_mm: number, shown: ReadyCase): "left" | "right" | null {
-  const plane = mirrorPlane(shown);
+  const plane = shown.midsagittal;
   if (plane.doubtful) return null;
   const left_mm = distance_mm(position, plane);
   const reach_mm = depth_mm > DEEP_MM ? depth_mm : depth_mm / 2;
@@ -119,7 +119,7 @@ export function broughtInside(
   shown: ReadyCase,
 ): Change {
   // The other half is away, and the viewer in its place.
-  const orientation = facing(scale(mirrorPlane(shown).normal, half === "left" ? -1 : 1));
+  const orientation = facing(scale(shown.midsagittal.normal, half === "left" ? -1 : 1));
   const [x, y] = rotate(orientation, subtract(position, shown.envelope_sphere.center_in_patient));
   return {
     ...broughtTo(position, depth_mm, layout, shown),

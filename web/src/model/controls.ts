@@ -6,15 +6,14 @@ import type { Judgement } from "./findings.ts";
 import { MAP_RADIUS_MM } from "./flat-map.ts";
 import type { MapName } from "./maps.ts";
 import type { SurfaceName } from "./surfaces.ts";
-import { type Vec2, compose, turnAbout, unit } from "./space.ts";
+import { type Vec2, clamp, compose, turnAbout, unit } from "./space.ts";
 import {
+  type ViewState,
+  type WindowPreset,
   DEPTH_STEP_MM,
   FINE_DEPTH_STEP_MM,
   PAN_LIMIT_MM,
-  type ViewState,
-  type WindowPreset,
   ZOOM_RANGE,
-  clamp,
   clampDepth,
   stepDepth,
   textureOf,
@@ -31,14 +30,11 @@ export type DragDirection = (typeof DRAG_DIRECTIONS)[number];
 export const WHEEL_USES = ["zoom", "depth"] as const;
 export type WheelUse = (typeof WHEEL_USES)[number];
 
-/** A pane's width and height; in the layout `mirror` those of one half. */
-export type PaneSize = Vec2;
-
 /**
  * A drag by `move` pixels turns the head as a ball that rolls under the hand, about an axis in the plane of the
  * picture: no direction is special, so there is no pole. Half the smaller side is one radian.
  */
-export function turn(state: ViewState, move: Vec2, size: PaneSize): Change {
+export function turn(state: ViewState, move: Vec2, size: Vec2): Change {
   const [right, down] = move;
   const angle_rad = Math.hypot(right, down) / (0.5 * Math.min(...size));
   if (!(angle_rad > 0)) return {};
@@ -50,7 +46,7 @@ const panned = (x: number, y: number): Pick<ViewState, "pan_mm"> => ({
 });
 
 /** A drag by `move` pixels takes the head with it. */
-export function pan(state: View, shown: ReadyCase, move: Vec2, size: PaneSize): Pick<ViewState, "pan_mm"> {
+export function pan(state: View, shown: ReadyCase, move: Vec2, size: Vec2): Pick<ViewState, "pan_mm"> {
   const { mm_per_pixel } = project(state, shown.envelope_sphere, size);
   return panned(state.pan_mm[0] + move[0] * mm_per_pixel, state.pan_mm[1] - move[1] * mm_per_pixel);
 }
@@ -61,7 +57,7 @@ export function zoomAt(
   shown: ReadyCase,
   factor: number,
   place: Vec2,
-  size: PaneSize,
+  size: Vec2,
 ): Pick<ViewState, "zoom" | "pan_mm"> {
   const zoom = clamp(state.zoom * factor, ...ZOOM_RANGE);
   const before = project(state, shown.envelope_sphere, size).mm_per_pixel;
@@ -89,8 +85,7 @@ export function zoomMap(
   const zoom = clamp(map.zoom * factor, ...MAP_ZOOM_RANGE);
   const grown = zoom / map.zoom;
   const shift: Vec2 = [away[0] * (1 - grown), away[1] * (1 - grown)];
-  const moved = panMap({ map: { ...map, zoom } }, shift, pixels_per_unit * grown);
-  return moved;
+  return panMap({ map: { ...map, zoom } }, shift, pixels_per_unit * grown);
 }
 
 /** The pixels of a drag that change the window by the case's own width. */
@@ -134,17 +129,18 @@ export interface Pinch {
 }
 
 /** The head follows two fingers: zoomed by their distance, moved by their middle. */
-export function pinch(
-  state: View,
-  shown: ReadyCase,
-  { from, to }: Pinch,
-  size: PaneSize,
-): Pick<ViewState, "zoom" | "pan_mm"> {
+export function pinch(state: View, shown: ReadyCase, fingers: Pinch, size: Vec2): Pick<ViewState, "zoom" | "pan_mm"> {
+  const { factor, about, move } = pinched(fingers);
+  const zoomed = { ...state, ...zoomAt(state, shown, factor, about, size) };
+  return { zoom: zoomed.zoom, ...pan(zoomed, shown, move, size) };
+}
+
+/** By what two fingers zoom, about which place, and how far their middle moves. */
+export function pinched({ from, to }: Pinch): { readonly factor: number; readonly about: Vec2; readonly move: Vec2 } {
   const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
   const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
   const [before, after] = [middle(from), middle(to)];
-  const zoomed = { ...state, ...zoomAt(state, shown, apart(to) / apart(from), before, size) };
-  return { zoom: zoomed.zoom, ...pan(zoomed, shown, [after[0] - before[0], after[1] - before[1]], size) };
+  return { factor: apart(to) / apart(from), about: before, move: [after[0] - before[0], after[1] - before[1]] };
 }
 
 /** Browsers that count lines have three of them to a notch, the others 100 or 120 pixels. */
@@ -205,7 +201,6 @@ export type ChangingCommand =
   | { readonly kind: "surface"; readonly name: SurfaceName | null }
   | { readonly kind: "invert" | "reset" };
 
-/** What changes how layers are shown. */
 export type LayerCommand =
   /** The next of the added layers, as grey texture or in colours. */
   | { readonly kind: "grey" | "colours" }
@@ -215,15 +210,15 @@ export type LayerCommand =
    */
   | { readonly kind: "swipe" | "edges" | "nudge" | "beside" | "swap" };
 
-/** What a key asks for. */
 export type Command =
   | ChangingCommand
   | LayerCommand
   /** The next row of the list of places and findings, or the one before. */
   | { readonly kind: "row"; readonly steps: number }
+  /** The next step of the protocol, or the one before. */
+  | { readonly kind: "step"; readonly steps: number }
   /** About the place or finding at the mark. */
   | { readonly kind: "judge"; readonly judgement: Judgement }
-  /** The saved layout of a number. */
   | { readonly kind: "recall"; readonly number: number }
   | {
       readonly kind:
@@ -244,6 +239,8 @@ export type Command =
         | "undo"
         | "redo"
         | "patient"
+        /** Nothing but the pictures, or all of the page. */
+        | "alone"
         /** The flat map, or on it the inner sides. */
         | "flat-map";
     };

@@ -15,11 +15,9 @@ export function shareOfDepth(depth_mm: number, deepest_mm: number): number {
   return depth_mm <= middle ? depth_mm / middle / 2 : 0.5 + (depth_mm - middle) / (deepest_mm - middle) / 2;
 }
 
-/** The depth at a place of the slider. */
 export function depthOfShare(share: number, deepest_mm: number): number {
   const middle = middleOf(deepest_mm);
   return share <= 0.5 ? 2 * share * middle : middle + (2 * share - 1) * (deepest_mm - middle);
 }
 
-/** The depths that are written at the slider. */
 export const ticksTo = (deepest_mm: number): readonly number[] => TICKS_MM.filter((tick) => tick <= deepest_mm);

@@ -4,15 +4,14 @@ import { type Depths, below } from "./isosurface.ts";
 import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
-import { type Vec3, length, subtract } from "./space.ts";
-import { plainLine, plainText } from "./text.ts";
+import { type Vec3, distance, meanOf } from "./space.ts";
+import { parsed, plainLine, plainText } from "./text.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
 export type Certainty = (typeof CERTAINTIES)[number];
 export const FINDING_KINDS = ["point", "line", "polygon", "trajectory"] as const;
 export type FindingKind = (typeof FINDING_KINDS)[number];
 
-/** A finding, as the server stores it. */
 export interface Finding {
   readonly id: string;
   readonly kind: FindingKind;
@@ -37,7 +36,6 @@ export interface Finding {
 /** The colour of a finding that nobody has coloured. */
 export const FIRST_COLOUR = "#ffb000";
 
-/** What is new about a finding. */
 export type NewFinding = Pick<Finding, "points_in_patient" | "depth_mm"> & Partial<Finding>;
 
 /** A finding that nobody has written about. */
@@ -71,12 +69,7 @@ export function plainFinding(finding: Finding): Finding {
 export const signed = (finding: Finding, reader: string): Finding =>
   finding.author || reader === "" ? finding : { ...finding, author: reader };
 
-/** The middle of what was marked. */
-export function middleOf({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 {
-  const sum = (axis: 0 | 1 | 2): number => points_in_patient.reduce((all, point) => all + point[axis], 0);
-  const count = points_in_patient.length;
-  return [sum(0) / count, sum(1) / count, sum(2) / count];
-}
+export const middleOf = ({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 => meanOf(points_in_patient);
 
 /** What a reader wrote, without what the server adds. */
 const written = ({
@@ -149,7 +142,7 @@ const isRounded = (one: Finding, other: Finding): boolean =>
   isSame({ ...one, points_in_patient: other.points_in_patient, depth_mm: other.depth_mm }, other) &&
   Math.abs(one.depth_mm - other.depth_mm) < SAME_MM &&
   one.points_in_patient.length === other.points_in_patient.length &&
-  one.points_in_patient.every((point, at) => length(subtract(point, other.points_in_patient[at] ?? point)) < SAME_MM);
+  one.points_in_patient.every((point, at) => distance(point, other.points_in_patient[at] ?? point) < SAME_MM);
 
 /**
  * A list with those of a file behind it. What is there already is not added. What is there but says something else is kept as
@@ -174,12 +167,7 @@ export function joined(
 
 /** The text of a file as findings; null if it is no list of them. The server checks the values. */
 export function readFindings(text: string): readonly Finding[] | null {
-  let list: unknown;
-  try {
-    list = (JSON.parse(text) as { readonly findings?: unknown } | null)?.findings;
-  } catch {
-    return null;
-  }
+  const list = (parsed(text) as { readonly findings?: unknown } | null)?.findings;
   if (!Array.isArray(list)) return null;
   const findings = list.map(readFinding);
   return findings.every((one) => one !== null) ? findings : null;
@@ -265,7 +253,7 @@ export type Judgement = (typeof JUDGEMENTS)[number];
 /** So near to a place a finding is of it, in mm. */
 const SAME_PLACE_MM = 0.5;
 
-const isAt = (one: Vec3, other: Vec3): boolean => length(subtract(one, other)) < SAME_PLACE_MM;
+const isAt = (one: Vec3, other: Vec3): boolean => distance(one, other) < SAME_PLACE_MM;
 
 /** The newest finding in the middle of which a mark is. */
 export const findingAt = (findings: readonly Finding[], mark: Vec3): Finding | undefined =>

@@ -2,7 +2,19 @@
 // middle.
 
 import type { MirrorPlane } from "./case.ts";
-import { type Vec2, type Vec3, add, cross, dot, length, normalized, scale, subtract, transform } from "./space.ts";
+import {
+  type Vec2,
+  type Vec3,
+  add,
+  cross,
+  distance,
+  dot,
+  length,
+  normalized,
+  scale,
+  subtract,
+  transform,
+} from "./space.ts";
 import type { SurfaceName } from "./surfaces.ts";
 import type { Block } from "./wire.ts";
 
@@ -21,7 +33,6 @@ export type MapFace = "outer" | "inner";
 /** The middles of the hemispheres, where the lines of sight end. */
 export type Centres = Readonly<Record<Hemisphere, Vec3>>;
 
-/** How a map is seen. */
 export interface MapView {
   /** 1 fits the map into its pane. */
   readonly zoom: number;
@@ -66,7 +77,6 @@ export function* centresOf(
   return left && right && { left, right };
 }
 
-/** One disc of a map. */
 export interface Disc {
   readonly hemisphere: Hemisphere;
   readonly face: MapFace;
@@ -82,7 +92,6 @@ export interface Disc {
 export const surfaceOf = ({ face, hemisphere }: Pick<Disc, "face" | "hemisphere">): SurfaceName =>
   face === "inner" ? hemisphere : "whole";
 
-/** The surfaces that a map shows. */
 export const surfacesOnMap = ({ has_inner }: Pick<MapView, "has_inner">): readonly SurfaceName[] =>
   has_inner ? ["whole", ...HEMISPHERES] : ["whole"];
 
@@ -158,7 +167,6 @@ export function projectDisc(disc: Disc, view: MapView, size: Vec2): DiscProjecti
 export const radiusAt = ({ center, pixels_per_unit }: DiscProjection, [x, y]: Vec2): number =>
   Math.hypot(x - center[0], y - center[1]) / pixels_per_unit;
 
-/** The disc that a place lies in. */
 export const discAt = (discs: readonly DiscProjection[], place: Vec2): DiscProjection | null =>
   discs.find((disc) => radiusAt(disc, place) <= MAP_MARGIN) ?? null;
 
@@ -304,7 +312,7 @@ function typicalStep(size: Vec2, xyz: Float32Array): number {
   const stride = Math.max(1, Math.floor(count / 2000));
   for (let index = 0; index + 1 < count; index += stride) {
     const [here, there] = [pointOf(xyz, index), pointOf(xyz, index + 1)];
-    if (here && there) steps.push(length(subtract(there, here)));
+    if (here && there) steps.push(distance(there, here));
   }
   return steps.sort((a, b) => a - b)[steps.length >> 1] ?? 0;
 }

@@ -1,45 +1,58 @@
 // The state in the address: `#<case>&d=8.5&v=left`. What is as at first is left out; what is not understood is passed
 // over.
 
+import { short } from "./text.ts";
 import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
 import { type Change, boundWindow } from "./controls.ts";
 import { isLayerId, overlayText, readOverlay } from "./maps.ts";
-import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
+import { type Quat, type Vec2, type Vec3, clamp, unit } from "./space.ts";
 import { SURFACES } from "./surfaces.ts";
 import {
+  type HalfLook,
+  type ViewState,
   COLORMAPS,
   LAYOUTS,
   PAN_LIMIT_MM,
   SLAB_LIMIT_MM,
-  type HalfLook,
-  type ViewState,
   WAYS,
   ZOOM_RANGE,
   boundOutlines,
-  clamp,
   clampDepth,
   firstState,
   halfOf,
   leftOf,
 } from "./state.ts";
 
-/** What an address holds. */
 export type Address =
   | { readonly kind: "none" }
-  /** A case, and its state in a form that only the case can read. */
-  | { readonly kind: "case"; readonly id: string; readonly rest: string }
+  | OfCase
   /** Something that is no case. */
   | { readonly kind: "unknown" };
 
+/** A case, and its state in a form that only the case can read. */
+export interface OfCase {
+  readonly kind: "case";
+  readonly id: string;
+  readonly rest: string;
+  /** The finding that a link leads to; empty: none. */
+  readonly finding: string;
+}
+
+const FINDING = "finding=";
+
+/** The address of a finding, which leads to its place. */
+export const findingAddress = (id: string, finding: string): string => `#${id}&${FINDING}${finding}`;
+
 export function readAddress(fragment: string): Address {
   const text = fragment.replace(/^#/, "");
-  const [first = "", ...rest] = text.split("&");
-  if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest: rest.join("&") };
+  const [first = "", ...parts] = text.split("&");
+  const finding = parts.find((one) => one.startsWith(FINDING)) ?? "";
+  const rest = parts.filter((one) => one !== finding).join("&");
+  if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest, finding: finding.slice(FINDING.length) };
   return { kind: text === "" ? "none" : "unknown" };
 }
 
-const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 const list = (values: readonly number[], digits: number): string =>
   values.map((value) => short(value, digits)).join(",");
 /** To a ten-thousandth of the way from black to white: intensities may be of any size. */

@@ -1,7 +1,7 @@
 // Lengths and areas along an isosurface of the depth: pure.
 
 import { type Depths, below, firstHit } from "./isosurface.ts";
-import { type Vec3, add, cross, dot, length, normalized, scale, subtract } from "./space.ts";
+import { type Vec3, add, cross, dot, length, normalized, scale, subtract, meanOf, distance } from "./space.ts";
 
 /** An isosurface around a point from which all of it is seen. */
 export interface Isosurface {
@@ -80,7 +80,7 @@ function shorten(surface: Isosurface, curve: Vec3[]): void {
       const [before, here, after] = [curve[at - 1], curve[at], curve[at + 1]];
       if (!before || !here || !after) continue;
       const next = settled(surface, middleOfTwo(before, after));
-      most = Math.max(most, length(subtract(next, here)));
+      most = Math.max(most, distance(next, here));
       curve[at] = next;
     }
     if (most <= rest) return;
@@ -93,16 +93,10 @@ export function lengthOf(points: readonly Vec3[], isClosed = false): number {
   let sum = 0;
   for (let at = 0; at < last; at += 1) {
     const [from, to] = [points[at], points[(at + 1) % points.length]];
-    if (from && to) sum += length(subtract(to, from));
+    if (from && to) sum += distance(to, from);
   }
   return sum;
 }
-
-const meanOf = (points: readonly Vec3[]): Vec3 =>
-  scale(
-    points.reduce((sum, point) => add(sum, point), [0, 0, 0] as Vec3),
-    1 / points.length,
-  );
 
 /** The area of a closed line as a vector across it: half the sum of the cross products about its middle. */
 export function areaVector(points: readonly Vec3[]): Vec3 {
@@ -133,7 +127,7 @@ export function areaWithin(surface: Isosurface, points: readonly Vec3[]): number
 
 /** The area of a triangle of points of the surface, divided until it lies close to it. */
 function divided(surface: Isosurface, [a, b, c]: readonly [Vec3, Vec3, Vec3], left: number): number {
-  const longest = Math.max(length(subtract(a, b)), length(subtract(b, c)), length(subtract(c, a)));
+  const longest = Math.max(distance(a, b), distance(b, c), distance(c, a));
   if (left === 0 || longest <= EDGE_MM) return length(cross(subtract(b, a), subtract(c, a))) / 2;
   const [ab, bc, ca] = [middleOfTwo(a, b), middleOfTwo(b, c), middleOfTwo(c, a)].map((point) =>
     settled(surface, point),

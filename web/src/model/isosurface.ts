@@ -1,7 +1,7 @@
 // The isosurface {depth = D} on the processor, for single points: what a line of sight meets, and the shortest way in.
 
 import { samplerOf, type Sampler } from "./sampler.ts";
-import { add, normalized, scale, transform, type Vec3 } from "./space.ts";
+import { type Vec3, add, clamp, normalized, scale, transform } from "./space.ts";
 import type { Block } from "./wire.ts";
 
 /** Depths, in voxels, between which the smoothed field gives way to the field: `render::isosurface`. */
@@ -10,7 +10,7 @@ const SHALLOW = [3, 5] as const;
 /** The share of the smoothed field in the isosurface at a depth in voxels, 0 to 1. */
 export function smoothShare(depth_in_voxels: number): number {
   const share = (SHALLOW[1] - depth_in_voxels) / (SHALLOW[1] - SHALLOW[0]);
-  return Math.min(Math.max(share, 0), 1);
+  return clamp(share, 0, 1);
 }
 
 /** The most that the trilinear depth changes in a length of 1, as in `trace.wgsl`. */

@@ -96,6 +96,10 @@ export const BINDINGS = [
     U: { kind: "row", steps: -1 },
     J: { kind: "row", steps: 1 },
   }),
+  // By the place on the keyboard as well: what it types with shift differs.
+  bound("steps", ["0"], ({ key, code, shiftKey }) =>
+    key === "0" || code === "Digit0" ? { kind: "step", steps: shiftKey ? -1 : 1 } : null,
+  ),
   plain("judge", { K: { kind: "judge", judgement: "kept" }, D: { kind: "judge", judgement: "dismissed" } }),
   plain("layers", { l: { kind: "grey" }, c: { kind: "colours" } }),
   plain("blink", { b: { kind: "hold" } }),
@@ -120,6 +124,7 @@ export const BINDINGS = [
   plain("outline", { o: { kind: "outline" } }),
   // The list's own.
   bound("delete", ["Delete"], () => null),
+  plain("alone", { V: { kind: "alone" } }),
   plain("patient", { d: { kind: "patient" } }),
   // With the control key.
   bound("undo", "undo", () => null),

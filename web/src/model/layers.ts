@@ -7,10 +7,8 @@ import type { Affine } from "./space.ts";
 
 export const LAYER_KINDS = ["mr", "ct", "pet", "map", "labels"] as const;
 export type LayerKind = (typeof LAYER_KINDS)[number];
-/** The contrasts of MR. */
 export const CONTRASTS = ["t1", "t2", "flair", "other"] as const;
 export type Contrast = (typeof CONTRASTS)[number];
-/** How a new layer is to be placed. */
 export const TRANSFORMS = ["auto", "rigid", "none"] as const;
 
 /** A layer; from `window` on, what is known once it is ready. */

@@ -5,6 +5,7 @@ import {
   type Affine,
   type Vec3,
   add,
+  clamp,
   compose,
   fromRows,
   inverted,
@@ -13,16 +14,14 @@ import {
   transform,
   unit,
 } from "./space.ts";
-import { PAN_LIMIT_MM, type ViewState, ZOOM_RANGE, clamp, clampDepth } from "./state.ts";
+import { type ViewState, PAN_LIMIT_MM, ZOOM_RANGE, clampDepth } from "./state.ts";
 
-/** What two cases share. */
 export type Linked = Pick<
   ViewState,
   "depth_mm" | "orientation" | "zoom" | "pan_mm" | "crosshair_mm" | "layout" | "convention"
 > &
   Partial<Pick<ViewState, "window">>;
 
-/** A case and how it is shown. */
 export interface Shown {
   readonly shown: ReadyCase;
   readonly state: ViewState;

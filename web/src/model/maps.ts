@@ -2,7 +2,7 @@
 
 import type { Intensity } from "./case.ts";
 import type { Side } from "./midsagittal.ts";
-import type { Affine } from "./space.ts";
+import { type Affine, clamp } from "./space.ts";
 
 /** The maps, as the server names them, in the order of the page. */
 export const MAP_NAMES = [
@@ -47,7 +47,6 @@ const styles: Readonly<Record<MapName, MapStyle>> = {
 export const isMap = (name: string): name is MapName => Object.hasOwn(styles, name);
 export const styleOfMap = (name: MapName): MapStyle => styles[name];
 
-/** A layer in colours over the picture. */
 export interface LayerOverlay {
   /** The name of a map, or the id of a layer that was added. */
   readonly name: string;
@@ -80,7 +79,6 @@ export interface GreyLayer {
   readonly moved?: Affine | undefined;
 }
 
-/** How an overlay is shown. */
 export function styleOf({ name, about, window, colormap }: LayerOverlay): MapStyle {
   const usual = about ?? (isMap(name) ? styles[name] : styles.junction);
   return { ...usual, window: window ?? usual.window, colormap: colormap ?? usual.colormap };
@@ -114,7 +112,7 @@ export function shareOf(overlay: LayerOverlay, value: number): number {
   const [low, high] = style.window;
   if (threshold === null) return opacity;
   const size = isDiverging(style) ? Math.abs(value) : value;
-  const rise = Math.min(Math.max((size - threshold) / (SOFT_PART * (high - low)), 0), 1);
+  const rise = clamp((size - threshold) / (SOFT_PART * (high - low)), 0, 1);
   return opacity * rise * rise * (3 - 2 * rise);
 }
 
@@ -149,7 +147,7 @@ export function readOverlay(text: string): { readonly overlay: LayerOverlay; rea
   const real = (part: string): number => (part.trim() === "" ? NaN : Number(part));
   const within = (part: string, usual: number, [least, most]: readonly [number, number]): number => {
     const value = real(part);
-    return Number.isFinite(value) ? hundredths(Math.min(Math.max(value, least), most)) : usual;
+    return Number.isFinite(value) ? hundredths(clamp(value, least, most)) : usual;
   };
   const wanted = real(threshold);
   const ofLayer = Number.isFinite(wanted) ? wanted : null;

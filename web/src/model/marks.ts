@@ -1,8 +1,7 @@
 // What is marked in a head, and where it is in a picture: pure.
 
 import type { Projection } from "./camera.ts";
-import { type Vec2, type Vec3, add, scale, subtract } from "./space.ts";
-import { clamp } from "./state.ts";
+import { type Vec2, type Vec3, add, clamp, scale, subtract } from "./space.ts";
 
 /** Something that a reader has marked or measured. */
 export interface Marked {
@@ -165,7 +164,6 @@ export interface Lettering {
   readonly mark: Mark;
   readonly at: Vec2;
   readonly box: Box;
-  /** The line from a point to its words. */
   readonly hair?: Line;
 }
 
@@ -185,7 +183,6 @@ export function hairOf([x, y]: Vec2, free: number, [across, down]: Vec2 = [1, -1
   return [at(free), at(free + length)];
 }
 
-/** The circle around a point, as a line. */
 export const ringOf = ([x, y]: Vec2, radius: number): Line =>
   Array.from({ length: RING_PARTS + 1 }, (_, at) => {
     const turn = (2 * Math.PI * at) / RING_PARTS;

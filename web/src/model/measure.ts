@@ -2,7 +2,7 @@
 
 import { slidTo } from "./flow.ts";
 import { areaVector, areaWithin, crossesItself, geodesic, lengthOf, type Isosurface } from "./geodesic.ts";
-import { type Vec3, dot, length, normalized, subtract } from "./space.ts";
+import { type Vec3, clamp, dot, length, normalized, subtract } from "./space.ts";
 
 /** The tools of the ruler: a straight length, a line of several parts, an angle, an area, a way to a target. */
 export const TOOLS = ["length", "line", "angle", "area", "trajectory"] as const;
@@ -40,7 +40,6 @@ export interface Values {
   readonly area_mm2?: number;
   /** The line of an area crosses itself, so that it has none. */
   readonly isCrossed?: boolean;
-  /** The line as it is drawn. */
   readonly drawn: readonly Vec3[];
 }
 
@@ -49,7 +48,7 @@ function angleAt([one, corner, other]: readonly Vec3[]): number {
   if (!one || !corner || !other) return NaN;
   const [to, from] = [subtract(one, corner), subtract(other, corner)];
   if (length(to) === 0 || length(from) === 0) return NaN;
-  return (Math.acos(Math.min(Math.max(dot(normalized(to), normalized(from)), -1), 1)) * 180) / Math.PI;
+  return (Math.acos(clamp(dot(normalized(to), normalized(from)), -1, 1)) * 180) / Math.PI;
 }
 
 /** The curves along the surface from point to point as one line. */

@@ -4,7 +4,6 @@ import type { ReadyCase } from "./case.ts";
 import { StateHistory } from "./history.ts";
 import { type ViewState, boundOutlines, clampDepth, firstState } from "./state.ts";
 
-/** A case as it was left. */
 export interface Left {
   readonly state: ViewState;
   readonly history: StateHistory;

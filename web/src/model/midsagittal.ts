@@ -1,6 +1,6 @@
 // The plane between the hemispheres, at which one is mirrored to be compared with the other.
 
-import type { MirrorPlane, ReadyCase, Sphere } from "./case.ts";
+import type { MirrorPlane, Sphere } from "./case.ts";
 import { dot, scale, subtract, type Affine, type Vec3 } from "./space.ts";
 
 /** The patient's sagittal plane through the sphere's centre. */
@@ -8,10 +8,6 @@ export const plainPlane = ({ center_in_patient }: Sphere): MirrorPlane => ({
   normal: [1, 0, 0],
   offset_mm: center_in_patient[0],
 });
-
-/** The plane that was fitted to the head; of a case that has none, the sagittal plane through the sphere's centre. */
-export const mirrorPlane = (shown: Pick<ReadyCase, "midsagittal" | "envelope_sphere">): MirrorPlane =>
-  shown.midsagittal ?? plainPlane(shown.envelope_sphere);
 
 /** How far a position is from the plane, to the patient's left. */
 export const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>

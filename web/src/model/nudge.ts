@@ -1,16 +1,11 @@
 // Moving a layer by hand, in steps: pure.
 
 import { fromColumns, scaleThenMove } from "./affine.ts";
-import { type Affine, type Vec3, rotate, scale, subtract, turnAbout } from "./space.ts";
+import { type Affine, type Vec3, AXES, rotate, scale, subtract, turnAbout } from "./space.ts";
 
 const STEP_MM = 0.5;
 const STEP_DEGREES = 0.5;
 const DEGREE_RAD = Math.PI / 180;
-const AXES: readonly Vec3[] = [
-  [1, 0, 0],
-  [0, 1, 0],
-  [0, 0, 1],
-];
 
 /** A step in one of the six directions, or about one of the three axes through a point. */
 export function stepOf(direction: number, turns: boolean, center: Vec3): Affine {

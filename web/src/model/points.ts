@@ -3,10 +3,10 @@
 import { mirrored, project, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Depths, type Ray, firstHit } from "./isosurface.ts";
-import { mirrorPlane, reflected } from "./midsagittal.ts";
+import { reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
-import { type Vec2, type Vec3, dot, length, normalized, scale, subtract } from "./space.ts";
+import { type Vec2, type Vec3, dot, length, normalized, scale, subtract, distance } from "./space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, viewSize } from "./state.ts";
 
 /** The point of the surface that is seen at a place of the pane. */
@@ -15,13 +15,10 @@ export interface Picked {
   readonly depth_mm: number;
   /** Null where it is not known (yet). */
   readonly intensity: number | null;
-  /** Outwards, of length 1. */
-  readonly normal_in_patient: Vec3;
   /** Whether it was seen in the half that shows the head mirrored. */
   readonly isFlipped: boolean;
 }
 
-/** The depth and intensity at a position. */
 export interface Probed {
   /** NaN beside a cut through the brain or a fence, where it is unknown. */
   readonly depth_mm: number;
@@ -54,11 +51,6 @@ export class Points {
     this.#volume = volume;
   }
 
-  /** The same points with the intensities of another block. */
-  within(volume: Sampler): Points {
-    return new Points(this.#case, this.depths, volume);
-  }
-
   /**
    * What is seen at a place of a pane of `size`, of which each half can be a view; else null. `other` are the points of the surface
    * in the mirrored half.
@@ -71,7 +63,7 @@ export class Points {
     const [column, row] = !isOther ? [x, y] : stacked ? [x, y - size[1]] : [x - size[0], y];
     const isMirror = isOther && isMirrored(state);
     if (isMirror && other !== this) return other.pick(state, [x, y], pane);
-    const view = isMirror ? mirrored(state, mirrorPlane(this.#case), sphere) : state;
+    const view = isMirror ? mirrored(state, this.#case.midsagittal, sphere) : state;
     const place: Vec2 = [isMirror ? size[0] - column : column, row];
     const reach_mm = sphere.radius_mm + MARGIN_MM;
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
@@ -83,7 +75,6 @@ export class Points {
       position_in_patient: position,
       depth_mm: state.depth_mm,
       intensity: Number.isNaN(intensity) ? null : intensity,
-      normal_in_patient: scale(this.depths.inwardAt(position), -1),
       isFlipped: isMirror,
     };
   }
@@ -99,7 +90,7 @@ export class Points {
     const inwards = subtract(this.#case.envelope_sphere.center_in_patient, position);
     const direction = normalized(inwards);
     const border = firstHit(this.depths, { from: position, direction, reach_mm: length(inwards) }, 0);
-    return border !== null && length(subtract(border, position)) <= HEAD_MM;
+    return border !== null && distance(border, position) <= HEAD_MM;
   }
 
   /** Null outside the envelope. */
@@ -108,7 +99,7 @@ export class Points {
     const volume = {
       atPatient: (place: Vec3) => (Number.isNaN(this.#depthAt(place)) ? NaN : this.#volume.atPatient(place)),
     };
-    return profileAt(this.depths, volume, position, reflected(position, mirrorPlane(this.#case)));
+    return profileAt(this.depths, volume, position, reflected(position, this.#case.midsagittal));
   }
 
   probe(position: Vec3): Probed {

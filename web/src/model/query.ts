@@ -1,5 +1,6 @@
 // The server's pictures of a state.
 
+import { short } from "./text.ts";
 import { viewName } from "./camera.ts";
 import { overlayPairs } from "./maps.ts";
 import type { Vec2, Vec3 } from "./space.ts";
@@ -8,12 +9,10 @@ import type { MeshSize } from "./wire.ts";
 
 /** The mesh of the page: 8,000 triangles. */
 export const PAGE_MESH: MeshSize = { contour_count: 80, points_per_contour: 50 };
-/** The same in a query. */
 /** Vertices follow the gradient: deep down the paper's paths tear the mesh. */
 export const MESH_PATHS = "paths=flow";
+/** The same in a query. */
 export const MESH_QUERY = `contours=${PAGE_MESH.contour_count}&points=${PAGE_MESH.points_per_contour}`;
-
-const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));
 
 function addColours(query: URLSearchParams, state: Pick<ViewState, "window" | "colormap" | "layer" | "overlay">): void {
   if (state.layer) query.set("layer", state.layer.id);

@@ -1,5 +1,7 @@
 // Which rows of a long list are in sight: pure.
 
+import { clamp } from "./space.ts";
+
 /** The height of a row with the gap below it, in CSS pixels, as in the style sheet. */
 export const ROW_PIXELS = 56;
 /** Rows beyond either edge that are there already when they come in sight. */
@@ -9,13 +11,12 @@ const BEYOND = 6;
 export function rowsInSight(count: number, scrolled: number, height: number): readonly [number, number] {
   const first = Math.floor(scrolled / ROW_PIXELS) - BEYOND;
   const end = Math.ceil((scrolled + height) / ROW_PIXELS) + BEYOND;
-  const within = (row: number): number => Math.min(Math.max(row, 0), count);
+  const within = (row: number): number => clamp(row, 0, count);
   return [within(first), within(end)];
 }
 
 /** Rows that are seen by less than this are no targets: the least height of one, in CSS pixels (WCAG 2.2, 2.5.8). */
 const LEAST_SEEN = 24;
-/** The gap below a row. */
 const GAP_PIXELS = 4;
 
 /**
@@ -24,7 +25,7 @@ const GAP_PIXELS = 4;
 export function isCovered(row: number, open: number, scrolled: number, height: number): boolean {
   const tall = ROW_PIXELS - GAP_PIXELS;
   const own = open * ROW_PIXELS;
-  const at = Math.min(Math.max(own, scrolled), scrolled + height - tall);
+  const at = clamp(own, scrolled, scrolled + height - tall);
   const top = row * ROW_PIXELS;
   if (open < 0 || row === open || at === own || top + tall <= at || top >= at + tall) return false;
   return (at < own ? at - top : top + tall - (at + tall)) < LEAST_SEEN;

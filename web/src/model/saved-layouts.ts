@@ -16,7 +16,8 @@ import {
   boundOutlines,
   clampDepth,
 } from "./state.ts";
-import { plainLine } from "./text.ts";
+import { SURFACES, type SurfaceName } from "./surfaces.ts";
+import { parsed, plainLine } from "./text.ts";
 
 /** As many as there are keys. */
 export const MOST_LAYOUTS = 9;
@@ -33,6 +34,8 @@ export interface SavedLayout {
   readonly colormap: Colormap;
   readonly convention: Convention;
   readonly outlines_mm: readonly number[];
+  readonly surface: SurfaceName;
+  readonly has_inner: boolean;
 }
 
 /** A name as it is kept. */
@@ -47,32 +50,33 @@ export const savedAs = (name: string, state: ViewState): SavedLayout => ({
   colormap: state.colormap,
   convention: state.convention,
   outlines_mm: state.outlines_mm,
+  surface: state.surface,
+  has_inner: state.map.has_inner,
 });
 
-/** The change to a saved layout: the marked point, the window and the layers of the patient stay. */
-export function recalled(saved: SavedLayout, state: ViewState, shown: ReadyCase): Change {
-  const overlay = readOverlay(saved.map)?.overlay ?? null;
-  const { depth_mm, view, colormap, convention } = saved;
+/** The change to a saved layout: the marked point, the window and the layers of the patient stay, and what it does not say. */
+export function recalled(saved: Partial<SavedLayout>, state: ViewState, shown: ReadyCase): Change {
+  const { layout, depth_mm, map, view, colormap, convention, outlines_mm, surface, has_inner } = {
+    ...savedAs("", state),
+    ...saved,
+  };
   const turned = view && !state.crosshair_mm ? { orientation: NAMED_VIEWS[view], pan_mm: [0, 0] as const } : {};
   return {
+    surface,
     ...turned,
-    ...laidOut(saved.layout, { ...state, ...turned }, shown),
+    ...laidOut(layout, { ...state, ...turned, surface }, shown),
     depth_mm: clampDepth(depth_mm, shown),
-    overlay,
+    overlay: readOverlay(map)?.overlay ?? null,
+    map: { ...state.map, has_inner },
     colormap,
     convention,
-    outlines_mm: boundOutlines(saved.outlines_mm, shown),
+    outlines_mm: boundOutlines(outlines_mm, shown),
   };
 }
 
 /** The stored text as layouts; what is not understood is left out. */
 export function readLayouts(text: string | null): readonly SavedLayout[] {
-  let stored: unknown = [];
-  try {
-    stored = JSON.parse(text ?? "[]");
-  } catch {
-    // Another program's text, or a damaged one.
-  }
+  const stored = parsed(text);
   return (Array.isArray(stored) ? stored : []).flatMap((one: unknown) => readLayout(one) ?? []).slice(0, MOST_LAYOUTS);
 }
 
@@ -93,5 +97,7 @@ function readLayout(stored: unknown): SavedLayout | null {
     colormap: COLORMAPS.find((known) => known === one.colormap) ?? "grey",
     convention: CONVENTIONS.find((known) => known === one.convention) ?? "radiological",
     outlines_mm: depths.filter((depth): depth is number => typeof depth === "number" && Number.isFinite(depth)),
+    surface: SURFACES.find((known) => known === one.surface) ?? "whole",
+    has_inner: one.has_inner === true,
   };
 }

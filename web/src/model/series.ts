@@ -1,8 +1,8 @@
 // What is asked of the server for many pictures in one file: pure.
 
-import { VIEW_NAMES, type ViewName } from "./camera.ts";
+import type { ViewName } from "./camera.ts";
 import { type RenderState, renderQuery } from "./query.ts";
-import type { Vec2 } from "./space.ts";
+import { type Vec2, clamp } from "./space.ts";
 import type { SweepChoice } from "./sweep.ts";
 
 /** The most pictures in one file. */
@@ -51,12 +51,10 @@ export const turnBody = (state: RenderState, frames: number, delay_ms: number, s
 export function sweepBody(state: RenderState, choice: SweepChoice, step_mm: number, size: Vec2): Json {
   const { from_mm, to_mm, mm_per_s, turns } = choice;
   const most = turns ? MOST_PICTURES / 2 : MOST_PICTURES;
-  const frames = Math.min(Math.max(Math.round((to_mm - from_mm) / step_mm) + 1, 2), most);
-  const delay_ms = Math.min(Math.max(Math.round((1000 * (to_mm - from_mm)) / (frames - 1) / mm_per_s), 10), 10_000);
+  const frames = clamp(Math.round((to_mm - from_mm) / step_mm) + 1, 2, most);
+  const delay_ms = clamp(Math.round((1000 * (to_mm - from_mm)) / (frames - 1) / mm_per_s), 10, 10_000);
   const render = without(pictureBody(state, size), "depth_mm", "slab_mm");
   const slab = state.slab_mm > 0 ? { slab_mm: state.slab_mm } : {};
   const pictures = { from_mm, to_mm, frames, delay_ms, there_and_back: turns, average_shallow: state.averages_shallow };
   return { sweep: { ...pictures, render: { ...render, ...slab } } };
 }
-
-export const SHEET_VIEWS: readonly ViewName[] = VIEW_NAMES;

@@ -4,8 +4,8 @@ import { type Edges, NAMED_VIEWS, type Projection, type View, type ViewName, edg
 import type { ReadyCase, Sphere } from "./case.ts";
 import { type Pinch, pan, pinch, zoomAt } from "./controls.ts";
 import { PLANES, type Plane } from "./query.ts";
-import type { Vec2, Vec3 } from "./space.ts";
-import { type Convention, clamp } from "./state.ts";
+import { type Vec2, type Vec3, clamp } from "./space.ts";
+import type { Convention } from "./state.ts";
 
 /** From where the server shows a slice: in the radiological manner. */
 const SEEN_FROM: Readonly<Record<Plane, ViewName>> = { axial: "inferior", coronal: "anterior", sagittal: "left" };
@@ -23,7 +23,6 @@ export function sliceEdges(plane: Plane, convention: Convention): Edges {
   return isFlipped(plane, convention) ? { ...edges, left: edges.right, right: edges.left } : edges;
 }
 
-/** A slice in its pane. */
 export interface SliceView {
   readonly plane: Plane;
   readonly convention: Convention;
@@ -49,7 +48,6 @@ function projection(view: SliceView, sphere: Sphere): Projection {
 export const sliceCenter = ({ plane, position_mm }: SliceView, { center_in_patient }: Sphere): Vec3 =>
   center_in_patient.map((one, axis) => (axis === PLANES[plane].axis ? position_mm : one)) as unknown as Vec3;
 
-/** From where a slice is seen. */
 export const sliceCamera = ({ plane, placing }: SliceView): View => ({
   ...placing,
   orientation: NAMED_VIEWS[SEEN_FROM[plane]],
@@ -87,19 +85,24 @@ export function pinchedSlice(view: SliceView, shown: ReadyCase, { from, to }: Pi
   return pinch(sliceCamera(view), shown, { from: both(from), to: both(to) }, view.size);
 }
 
+/** How a picture lies in its pane; only one of a standard plane may be flipped. */
+export type Lying = Pick<SliceView, "placing" | "size"> & Partial<Pick<SliceView, "plane" | "convention">>;
+
 /** How a picture of one placing is laid so that it shows another: scaled about its middle, then moved by pixels. */
 export function laid(
-  drawn: SliceView,
-  wanted: SliceView,
-  sphere: Sphere,
+  drawn: Lying,
+  wanted: Lying,
+  { radius_mm }: Sphere,
 ): { readonly scale: number; readonly move: Vec2 } {
-  const [before, now] = [sliceMmPerPixel(drawn, sphere), sliceMmPerPixel(wanted, sphere)];
+  const mmPerPixel = ({ placing, size }: Lying): number => (2 * radius_mm) / (placing.zoom * Math.min(...size));
+  const [before, now] = [mmPerPixel(drawn), mmPerPixel(wanted)];
   const scale = before / now;
   const [x, y] = [0, 1].map((axis) => {
     const [from, to] = [drawn.placing.pan_mm[axis] ?? 0, wanted.placing.pan_mm[axis] ?? 0];
     return to / now - (from / before) * scale;
   }) as [number, number];
-  return { scale, move: [isFlipped(wanted.plane, wanted.convention) ? -x : x, -y] };
+  const { plane = "sagittal", convention = "radiological" } = wanted;
+  return { scale, move: [isFlipped(plane, convention) ? -x : x, -y] };
 }
 
 /** The pixel of the pane at which a position is seen, if it lay in the slice. */

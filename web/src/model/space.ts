@@ -2,22 +2,35 @@
 
 export type Vec2 = readonly [number, number];
 export type Vec3 = readonly [number, number, number];
+export const AXES: readonly Vec3[] = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
+
 /** A unit quaternion [x, y, z, w]. */
 export type Quat = readonly [number, number, number, number];
 /** Rows of an affine from one space to another, the last row being 0 0 0 1. */
 export type Affine = readonly (readonly number[])[];
 
+export const clamp = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 export const add = (a: Vec3, b: Vec3): Vec3 => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 export const subtract = (a: Vec3, b: Vec3): Vec3 => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 export const scale = (a: Vec3, factor: number): Vec3 => [a[0] * factor, a[1] * factor, a[2] * factor];
 export const dot = (a: Vec3, b: Vec3): number => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const length = (a: Vec3): number => Math.hypot(...a);
+export const distance = (a: Vec3, b: Vec3): number => length(subtract(a, b));
 
 export const cross = (a: Vec3, b: Vec3): Vec3 => [
   a[1] * b[2] - a[2] * b[1],
   a[2] * b[0] - a[0] * b[2],
   a[0] * b[1] - a[1] * b[0],
 ];
+
+export function meanOf(points: readonly Vec3[]): Vec3 {
+  const sum = points.reduce<Vec3>(add, [0, 0, 0]);
+  return scale(sum, 1 / points.length);
+}
 
 /** The vector at length 1; of the null vector, the null vector. */
 export function normalized(a: Vec3): Vec3 {
@@ -84,23 +97,6 @@ export function angleBetween(a: Quat, b: Quat): number {
   return 2 * Math.acos(Math.min(along, 1));
 }
 
-/** The way from `a` to `b`, `share` 0 to 1, at a steady speed along the shorter side. */
-export function between(a: Quat, b: Quat, share: number): Quat {
-  const cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
-  const half = Math.acos(Math.min(Math.abs(cosine), 1));
-  const straight = half < 1e-4;
-  const first = straight ? 1 - share : Math.sin((1 - share) * half) / Math.sin(half);
-  const second = (cosine < 0 ? -1 : 1) * (straight ? share : Math.sin(share * half) / Math.sin(half));
-  const mixed: Quat = [
-    first * a[0] + second * b[0],
-    first * a[1] + second * b[1],
-    first * a[2] + second * b[2],
-    first * a[3] + second * b[3],
-  ];
-  return unit(mixed) ?? b;
-}
-
-/** A position through an affine. */
 export function transform(affine: Affine, p: Vec3): Vec3 {
   const row = (index: number): number => {
     const [a = 0, b = 0, c = 0, d = 0] = affine[index] ?? [];

@@ -4,7 +4,7 @@ import { NAMED_VIEWS } from "./camera.ts";
 import { FIRST_MAP, type MapView } from "./flat-map.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import type { GreyLayer, LayerOverlay } from "./maps.ts";
-import type { Quat, Vec2, Vec3 } from "./space.ts";
+import { type Quat, type Vec2, type Vec3, clamp } from "./space.ts";
 import { type SurfaceName, mirroredSurface } from "./surfaces.ts";
 
 /** The colour maps, as the server names them. */
@@ -56,7 +56,6 @@ export interface Swipe {
 /** What each half of the pane has of its own when two are compared side by side. */
 export type HalfLook = Pick<ViewState, "layer" | "overlay" | "window" | "colormap">;
 
-/** All that a picture depends on. */
 export interface ViewState {
   /** The surface below which depth is measured. */
   readonly surface: SurfaceName;
@@ -90,7 +89,6 @@ export interface ViewState {
   readonly ambient: number;
   readonly way: Way;
   readonly layout: Layout;
-  /** How the flat map is seen. */
   readonly map: MapView;
   readonly convention: Convention;
   /** Depths whose outlines the slices show besides that of `depth_mm`. */
@@ -112,8 +110,6 @@ export const FINE_DEPTH_STEP_MM = 0.1;
 export const GOOD_DEPTHS_MM = [6, 20] as const;
 export const FIRST_DEPTH_MM = 10;
 export const DEFAULT_AMBIENT = 0.3;
-
-export const clamp = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
 /** How a ready case is first shown. */
 export function firstState(shown: ReadyCase): ViewState {
@@ -169,7 +165,6 @@ export const surfacesOf = (state: ViewState): readonly SurfaceName[] => {
   return isMirrored(state) && other !== state.surface ? [state.surface, other] : [state.surface];
 };
 
-/** The picture without its layers. */
 export const bareOf = (state: ViewState): ViewState => ({
   ...state,
   window: state.bare_window ?? state.window,

@@ -17,7 +17,6 @@ export const isHalf = (name: SurfaceName): name is "left" | "right" => name === 
 export const mirroredSurface = (name: SurfaceName): SurfaceName =>
   isHalf(name) ? (name === "left" ? "right" : "left") : name;
 
-/** The surface after a surface, in turn. */
 export const nextSurface = (name: SurfaceName): SurfaceName =>
   SURFACES[(SURFACES.indexOf(name) + 1) % SURFACES.length] ?? "whole";
 

@@ -1,7 +1,8 @@
 // A sweep through the depths: its range, its speed, and whether it goes there and back. Pure.
 
+import { clamp } from "./space.ts";
 import type { ReadyCase } from "./case.ts";
-import { DEPTH_STEP_MM, clamp, clampDepth, stepDepth } from "./state.ts";
+import { DEPTH_STEP_MM, clampDepth, stepDepth } from "./state.ts";
 
 export interface SweepChoice {
   readonly from_mm: number;
@@ -26,7 +27,7 @@ export function boundSweep(choice: SweepChoice, shown: ReadyCase): SweepChoice {
   const deepest = wholeSweep(shown).to_mm;
   const ends = [choice.from_mm, choice.to_mm].map((end) => clamp(Number.isFinite(end) ? end : 0, 0, deepest));
   const [from, to] = [Math.min(...ends), Math.max(...ends)];
-  const to_mm = Math.min(Math.max(to, from + DEPTH_STEP_MM), deepest);
+  const to_mm = clamp(to, from + DEPTH_STEP_MM, deepest);
   return { ...choice, from_mm: Math.max(Math.min(from, to_mm - DEPTH_STEP_MM), 0), to_mm };
 }
 

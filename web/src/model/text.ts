@@ -22,3 +22,15 @@ export const plainText = (text: string, most: number): string =>
 /** The same as one line. */
 export const plainLine = (text: string, most: number): string =>
   cut(plainText(text, Infinity).replace(/\s+/gu, " ").trim(), most);
+
+/** A text of JSON as what it says; null if it is none. */
+export function parsed(text: string | null): unknown {
+  try {
+    return JSON.parse(text ?? "null");
+  } catch {
+    return null;
+  }
+}
+
+/** A number with at most so many digits after the point, as addresses and queries have it. */
+export const short = (value: number, digits: number): string => String(Number(value.toFixed(digits)));

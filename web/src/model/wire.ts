@@ -38,7 +38,6 @@ export function decodeTriangles(bytes: ArrayBuffer, mesh: MeshSize): Uint32Array
   return triangles;
 }
 
-/** A mesh at every depth. */
 export interface PathsTable {
   readonly mesh: MeshSize;
   /** LPS mm of the stored position 0, 0, 0. */
@@ -138,7 +137,6 @@ export interface TextureLayout {
   readonly patient_from_voxel: Affine;
 }
 
-/** The most voxels along a side. */
 const MAX_SIDE = 4096;
 
 export function readLayout(headers: Headers): TextureLayout {
@@ -164,7 +162,6 @@ export function readLayout(headers: Headers): TextureLayout {
 
 export const voxelCount = (size: Vec3): number => size[0] * size[1] * size[2];
 
-/** The bytes that a block of voxels has. */
 export const byteLength = ({ size, format }: TextureLayout): number => voxelCount(size) * (format === "u8" ? 1 : 2);
 
 export type Voxels = Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer> | Int16Array<ArrayBuffer>;

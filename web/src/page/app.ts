@@ -8,7 +8,7 @@ import { spoken, t } from "../base/i18n.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
-import { readAddress } from "../model/fragment.ts";
+import { type Address, type OfCase, readAddress } from "../model/fragment.ts";
 import { commandOf, recallOf } from "../model/keys.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { hasSlices } from "../model/state.ts";
@@ -42,11 +42,9 @@ export class App {
     );
   });
   readonly isSilent = signal(false);
-  /** Whether anything has come from a PACS. */
   readonly hasArrivals = signal(false);
   /** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
   readonly launched = signal(takeLaunch());
-  /** How each case was left. */
   readonly #memory = new ViewMemory();
   #routed = 0;
   /** Whether the next key may be the number of a saved layout. */
@@ -108,7 +106,6 @@ export class App {
     this.upload.drop(files);
   }
 
-  /** A case was made, or was there. */
   async made({ id }: Case, wasThere: boolean): Promise<void> {
     this.cases.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
     await this.cases.refresh();
@@ -145,7 +142,7 @@ export class App {
     this.cases.show(id);
     // What was shown without being named keeps its place, whatever else is added.
     if (chosen && address.kind === "none") history.replaceState(null, "", `#${chosen.id}`);
-    this.#show(chosen, address.kind === "case" ? address.rest : "");
+    this.#show(chosen, address);
   }
 
   /** The address was changed by Back, or by hand. */
@@ -157,7 +154,7 @@ export class App {
     const address = readAddress(location.hash);
     const { shown, remark } = viewer.store;
     if (viewer === before) {
-      if (address.kind === "case" && address.id === shown.id) viewer.restore(address.rest);
+      if (address.kind === "case" && address.id === shown.id) viewer.restore(address);
       return;
     }
     // Back and Forward also lead to other patients.
@@ -166,7 +163,7 @@ export class App {
     announce(remark.peek());
   }
 
-  #show(chosen: Case | null, rest: string): void {
+  #show(chosen: Case | null, address: Address): void {
     this.chosen.value = chosen;
     const ready = chosen?.state === "ready" ? chosen : null;
     const before = this.viewer.peek();
@@ -176,7 +173,8 @@ export class App {
     // What was said of the case before is not of this one.
     announced.value = "";
     noted.value = { ...noted.peek(), words: "" };
-    this.viewer.value = ready && new Viewer(ready, { rest, left: this.#memory.of(ready), serverOnly });
+    const { rest = "", finding = "" }: Partial<OfCase> = address.kind === "case" ? address : {};
+    this.viewer.value = ready && new Viewer(ready, { rest, finding, left: this.#memory.of(ready), serverOnly });
     // Where the list lies over the picture, it has been chosen from.
     if (ready && window.innerWidth < BESIDE_PIXELS) choose({ list: false });
   }

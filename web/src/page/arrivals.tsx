@@ -2,12 +2,12 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { ask } from "../base/api.ts";
+import { ask, post } from "../base/api.ts";
 import { type Key, known, moment, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { Closing, End, open } from "./dialogs.tsx";
-import { Button, Choice, Quiet, Status } from "./fields.tsx";
+import { Button, Choice, Quiet, Search, Status } from "./fields.tsx";
 import { Rejections } from "./rejections.tsx";
 
 const STATES = ["receiving", "case", "layer", "nothing"] as const;
@@ -42,7 +42,6 @@ interface Page {
   readonly next?: string;
 }
 
-/** What a series can be taken as. */
 type Taken = "case" | "layer";
 
 const LOOK_AGAIN_MS = 1000;
@@ -118,16 +117,7 @@ function Arrivals({ chosen }: { chosen(id: string): void }) {
   return (
     <>
       <div class="line">
-        <input
-          type="search"
-          id="arrival-text"
-          maxLength={100}
-          placeholder={t("arrivals.search")}
-          aria-label={t("arrivals.search")}
-          onInput={({ currentTarget }) => setText(currentTarget.value.trim())}
-          // Else it would close the list.
-          onKeyDown={(event) => event.key === "Enter" && event.preventDefault()}
-        />
+        <Search id="arrival-text" label={t("arrivals.search")} onSearch={setText} />
         <Choice
           id="arrival-state"
           label={t("arrivals.state")}
@@ -183,10 +173,7 @@ function Item({ one, chosen, put }: ItemProps) {
     wasTaken.current = true;
     say(t("arrival.taking"));
     try {
-      let now = await ask<Arrival>(`v1/arrivals/${one.id}`, {
-        method: "POST",
-        body: JSON.stringify({ as, allow_gaps }),
-      });
+      let now = await post<Arrival>(`v1/arrivals/${one.id}`, { as, allow_gaps });
       while (now.state === "receiving" && item.current) {
         await wait(LOOK_AGAIN_MS);
         now = await ask<Arrival>(`v1/arrivals/${one.id}`);

@@ -1,5 +1,6 @@
 // What is known of the case and its mask, and what can be made of it: the mask's outline, its files, versions.
 
+import { dateWords } from "../base/pacs.ts";
 import { useRef, useState } from "preact/hooks";
 
 import { changeCase, getCase, getDicom, getFile, handOver, makeVersion } from "../base/api.ts";
@@ -8,10 +9,10 @@ import { known, moment, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import { type MaskBlock, decodeMask } from "../model/mask.ts";
-import { doubtsOf, qualityOf } from "../model/quality.ts";
+import { doubtsOf } from "../model/quality.ts";
 import { askText } from "./dialogs.tsx";
 import { fileStem } from "./export.ts";
-import { Button, type OfStore, Row, Section, Status, Ticked, Writing } from "./fields.tsx";
+import { Button, FileInput, type OfStore, Row, Section, Status, Ticked, Writing } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
 import { maskDialog } from "./server-picture.tsx";
 
@@ -60,9 +61,12 @@ export function CaseSection({ store, made }: OfStore & { readonly made: Made }) 
   const tellSeries = (): Promise<void> =>
     attempt(async () => {
       const found = await getDicom(shown.id);
-      // A date of DICOM has no hyphens.
-      const plain = (text = ""): string => text.replace(/^(\d{4})(\d\d)(\d\d)$/, "$1-$2-$3");
-      setSeries(SERIES.filter((key) => found[key]).map((key) => [t(`case.${key}`), plain(found[key])]));
+      setSeries(
+        SERIES.filter((key) => found[key]).map((key) => [
+          t(`case.${key}`),
+          key === "AcquisitionDate" ? dateWords(found[key]) : (found[key] ?? ""),
+        ]),
+      );
     });
   const outline = (isShown: boolean): Promise<void> =>
     attempt(async () => {
@@ -184,18 +188,13 @@ function Version({
         {t("version.radius")}
         <input type="number" ref={radius} min={0} max={50} step={0.5} defaultValue={String(shown.closing_radius_mm)} />
       </label>
-      <label class="file">
-        {t("version.mask")}
-        <input
-          type="file"
-          accept=".nii,.gz"
-          onChange={({ currentTarget }) => setMask(currentTarget.files?.[0] ?? null)}
-        />
-        <span class="file-button" aria-hidden="true">
-          {t("upload.choose-files")}
-        </span>
-        <span class="quiet">{mask?.name ?? t("version.mask-hint")}</span>
-      </label>
+      <FileInput
+        label={t("version.mask")}
+        words={t("upload.choose-files")}
+        hint={mask?.name ?? t("version.mask-hint")}
+        accept=".nii,.gz"
+        onFiles={([file = null]) => setMask(file)}
+      />
       <Row>
         <button type="submit" disabled={isBusy}>
           {t("version.make")}
@@ -212,9 +211,8 @@ async function fetchMask(id: string): Promise<MaskBlock> {
 }
 
 function factsOf(shown: ReadyCase, age: Case, series: readonly Fact[]): readonly Fact[] {
-  const { volume, envelope_ml, max_depth_mm, mask_kind } = shown;
-  const quality = qualityOf(shown);
-  const found = quality ? doubtsOf(quality) : [];
+  const { volume, envelope_ml, max_depth_mm, mask_kind, quality } = shown;
+  const found = doubtsOf(quality);
   const doubts = found.length > 0 ? found : [quality?.state ?? ("unknown" as const)];
   const method = known(`method.${quality?.method ?? ""}`);
   const brain_ml = quality?.numbers?.brain_ml;

@@ -1,5 +1,6 @@
 // The list of cases, of any length: only the rows in sight are there.
 
+import { clamp } from "../model/space.ts";
 import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { getPicture } from "../base/api.ts";
@@ -17,13 +18,13 @@ import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import type { Case } from "../model/case.ts";
-import { doubtsOf, qualityOf } from "../model/quality.ts";
+import { doubtsOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
 import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { firstState } from "../model/state.ts";
 import { type Cases, ORDERS } from "../store/cases.ts";
 import { mayWrite } from "../store/holder.ts";
-import { Choice, IconButton, Placed, Status } from "./fields.tsx";
+import { Choice, IconButton, Placed, Search, Status } from "./fields.tsx";
 import { useDrawn } from "./server-picture.tsx";
 
 /** A row that stays in sight for so long gets its picture. */
@@ -83,7 +84,7 @@ export function CaseList({ cases, remove }: ListProps) {
     ];
     if (to === undefined || at < 0) return;
     event.preventDefault();
-    const next = Math.min(Math.max(to, 0), last);
+    const next = clamp(to, 0, last);
     reach(next);
     wantsFocus.current = true;
     setFocused(wanted[next]?.id ?? null);
@@ -100,14 +101,7 @@ export function CaseList({ cases, remove }: ListProps) {
   return (
     <div class="case-list-box">
       <div class="line">
-        <input
-          type="search"
-          id="case-search"
-          maxLength={100}
-          placeholder={t("cases.search")}
-          aria-label={t("cases.search")}
-          onInput={({ currentTarget }) => (cases.search.value = currentTarget.value.trim())}
-        />
+        <Search id="case-search" label={t("cases.search")} onSearch={(typed) => (cases.search.value = typed)} />
         <Choice
           id="case-order"
           label={t("order.title")}
@@ -151,9 +145,7 @@ export function CaseList({ cases, remove }: ListProps) {
 
 interface RowProps {
   readonly one: Case;
-  /** The cases with its title. */
   readonly alike: readonly Case[];
-  /** Which row of how many it is. */
   readonly place: readonly [number, number];
   readonly isOpen: boolean;
   /** Whether it is taken out of reach, because the open one covers it. */
@@ -164,13 +156,12 @@ interface RowProps {
   remove(): void;
 }
 
-/** One case of the list. */
 function Row({ one, alike, place, isOpen, isHidden, flag, choose, remove }: RowProps) {
   const version = versionOf(one);
   const apart = toldApart(one, alike);
   const isReady = one.state === "ready";
-  const quality = isReady ? qualityOf(one) : null;
-  const doubts = quality ? doubtsOf(quality) : [];
+  const quality = isReady ? one.quality : undefined;
+  const doubts = doubtsOf(quality);
   const [begins, ends] = titleParts(caseTitle(one));
   return (
     <li

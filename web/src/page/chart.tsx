@@ -1,5 +1,6 @@
 // The depth profile: intensity against depth below a point of the surface, with the mirrored point's curve.
 
+import { clamp } from "../model/space.ts";
 import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useRef, useState } from "preact/hooks";
@@ -80,7 +81,6 @@ export function Chart({ store }: OfStore) {
   const measured = store.point.measured.value;
   const depth_mm = store.view.depth_mm.value;
   const picture = useRef<SVGSVGElement>(null);
-  /** The sample under the pointer. */
   const [read, setRead] = useState<number | null>(null);
   if (!profile) return null;
   const shallow = shallowPart(profile, depth_mm);
@@ -100,7 +100,7 @@ export function Chart({ store }: OfStore) {
   const sampleAt = ({ clientX }: MouseEvent): number => {
     const box = picture.current?.getBoundingClientRect() ?? { left: 0, width: 1 };
     const share = (((clientX - box.left) / box.width) * WIDTH - MARGIN.left) / INNER_WIDTH;
-    return nearestSample(shallow, Math.min(Math.max(share, 0), 1) * deepest);
+    return nearestSample(shallow, clamp(share, 0, 1) * deepest);
   };
   const depthOf = (sample: number): number => shallow.depth_mm[sample] ?? 0;
   const columns = columnsOf(shallow, layers);

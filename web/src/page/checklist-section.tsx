@@ -5,8 +5,11 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { BANDS_MM, Checklist, LOBES, LOOKS, type LobeSide, type Look } from "../model/checklist.ts";
+import { PROTOCOLS, isProtocol } from "../model/steps.ts";
+import { choose, preferences } from "../store/preferences.ts";
+import { canShow, stepWords, stepsNow, takeStep } from "../store/steps.ts";
 import type { Store } from "../store/store.ts";
-import { Button, type OfStore, Quiet, Row, Section } from "./fields.tsx";
+import { Button, ChoiceLine, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 
 /** How often what is shown is written again, in ms. */
 const TICK_MS = 1000;
@@ -33,7 +36,8 @@ export function ChecklistSection({ store }: OfStore) {
   const table = useRef<HTMLTableElement>(null);
   const [hasLobes, setHasLobes] = useState(false);
   const [, write] = useState(0);
-  const look = (): void => list.show(document.hidden ? null : store.view.state.value, performance.now(), lobeOf(store));
+  const look = (): void =>
+    list.show(document.hidden ? null : store.view.state.value, performance.now(), lobeOf(store), store.step.value);
   useSignalEffect(() => {
     look();
     if (lobeOf(store)) setHasLobes(true);
@@ -67,6 +71,33 @@ export function ChecklistSection({ store }: OfStore) {
   };
   return (
     <Section title="panel.checklist" data-task="read">
+      <ChoiceLine
+        id="protocol"
+        label={t("step.protocol")}
+        values={Object.keys(PROTOCOLS).filter(isProtocol)}
+        value={preferences.value.protocol}
+        words={(one) => t(`protocol.${one}`)}
+        onChoose={(protocol) => choose({ protocol })}
+      />
+      <ol class="steps">
+        {stepsNow().map((step) => {
+          const words = stepWords(step);
+          const isLooked = list.hasStep(step.name);
+          return (
+            <li key={step.name} class={isLooked ? "seen" : undefined}>
+              <Button
+                aria-current={step.name === store.step.value ? "step" : undefined}
+                aria-label={isLooked ? `${words}, ${t("places.looked-at")}` : words}
+                disabled={!canShow(store, step)}
+                onClick={() => void takeStep(store, step)}
+              >
+                {words}
+              </Button>
+            </li>
+          );
+        })}
+      </ol>
+      <p class="quiet keys">{t("step.keys")}</p>
       <table class="checklist" aria-label={t("panel.checklist")} ref={table}>
         <thead>
           <tr>
@@ -128,6 +159,7 @@ export function ChecklistSection({ store }: OfStore) {
         <Button
           onClick={() => {
             list.clear();
+            store.step.value = null;
             write(performance.now());
           }}
         >

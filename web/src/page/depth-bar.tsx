@@ -7,7 +7,7 @@ import { depthOfShare, shareOfDepth, ticksTo } from "../model/depth-scale.ts";
 import { DEPTH_STEP_MM, FINE_DEPTH_STEP_MM, GOOD_DEPTHS_MM, clampDepth, stepDepth } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { choose, preferences } from "../store/preferences.ts";
-import { Bar, IconButton, Menu, type OfStore, Quiet, Typed } from "./fields.tsx";
+import { Bar, IconButton, Menu, type OfStore, Quiet, Remark, Typed } from "./fields.tsx";
 
 /** The slider's own numbers: its places, not millimetres, for its two halves are of different scales. */
 const PLACES = 1000;
@@ -163,9 +163,8 @@ export function Explanation() {
     choose({ knows_depth: true });
   };
   return (
-    <div class="notice-line remark first-time" role="note">
+    <Remark name="first-time" role="note" dismiss={dismiss}>
       <span>{t("depth.first-time")}</span>
-      <IconButton icon="close" label={t("notice.dismiss")} onClick={dismiss} />
-    </div>
+    </Remark>
   );
 }

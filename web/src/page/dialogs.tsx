@@ -10,7 +10,6 @@ import { BINDINGS } from "../model/keys.ts";
 import { preferences } from "../store/preferences.ts";
 import { Button, Icon, Quiet } from "./fields.tsx";
 
-/** A button that closes its dialog. */
 export const Closing = ({
   value = "close",
   words = t("close"),
@@ -207,7 +206,6 @@ export function holderDialog(name: string, holder: Holder): void {
   );
 }
 
-/** What hands and keys do. */
 export function helpDialog(): void {
   // Each line is "how|what it is for"; what has no such parts is the title of those after it.
   const keys = BINDINGS.map(({ help, keys: those }) => {

@@ -17,16 +17,13 @@ import type { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfacePane } from "../panes/surface-pane.ts";
 import { captioned, programWords, saveFile } from "./picture-file.ts";
 
-/** What is on the screen. */
 export interface OnScreen {
   readonly shown: ReadyCase;
   readonly state: ViewState;
   readonly panes: HTMLElement;
   readonly surface: SurfacePane;
   readonly slices: SliceGroup;
-  /** The close-up, if it is shown. */
   readonly closer: Closer | null;
-  /** The flat map, if it is shown. */
   readonly map: MapPane | null;
 }
 
@@ -67,7 +64,6 @@ function aboveWords(overlay: LayerOverlay): string {
   return [range.trim(), ...above, t("caption.opacity", { share: number(100 * opacity) })].join(", ");
 }
 
-/** The panes with their caption, as PNG. */
 async function pictureOf(
   { shown, state, panes, surface, slices, closer, map }: OnScreen,
   times: number,

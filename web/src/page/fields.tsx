@@ -12,7 +12,6 @@ import type { Store } from "../store/store.ts";
 /** As wide as the style sheet has menus, with its rim. */
 const MENU_PIXELS = 296;
 
-/** What every section is given. */
 export interface OfStore {
   readonly store: Store;
 }
@@ -122,7 +121,6 @@ export const Status = ({ words, ...rest }: { readonly words: string } & Attribut
   </p>
 );
 
-/** A labelled line: the label, then its controls. */
 export const Line = ({
   label,
   isTall = false,
@@ -137,7 +135,6 @@ export const Line = ({
   </div>
 );
 
-/** A share as a bar, and in words. */
 export const Bar = ({
   label,
   share,
@@ -183,7 +180,6 @@ export function Menu({
   );
 }
 
-/** Buttons side by side. */
 export const Row = ({ children }: Children) => <div class="row">{children}</div>;
 
 /** Controls that change what is stored: disabled for whoever may only look. */
@@ -193,7 +189,6 @@ export const Writing = ({ children }: Children) => (
   </fieldset>
 );
 
-/** A box to tick, with words behind it. */
 export const Ticked = ({
   words,
   checked,
@@ -219,7 +214,6 @@ interface Choosing<Value> extends Attributes {
   onChoose(value: Value): void;
 }
 
-/** A choice among values in words. */
 export const Choice = <Value extends string | number>({
   label,
   values,
@@ -242,7 +236,6 @@ export const Choice = <Value extends string | number>({
   </select>
 );
 
-/** A choice in the label that names it. */
 export const LabelledChoice = <Value extends string | number>({
   isInline = false,
   ...choosing
@@ -265,7 +258,6 @@ export const ChoiceLine = <Value extends string | number>({
   </Line>
 );
 
-/** A choice with a button for each value. */
 export const Buttons = <Value extends string>({
   label,
   values,
@@ -380,19 +372,25 @@ export const Typed = ({
   );
 };
 
-/** What is clicked in the place of a file input. */
+/** What is clicked in the place of a file input, below its label, and above what is to be known of it; a file may be chosen again. */
 export const FileInput = ({
   words,
+  label = <span class="visually-hidden">{words}</span>,
+  hint,
   onFiles,
   ...rest
-}: { readonly words: string; onFiles(files: readonly File[]): void } & FileAttributes) => (
+}: {
+  readonly words: string;
+  readonly label?: ComponentChildren;
+  readonly hint?: string;
+  onFiles(files: readonly File[]): void;
+} & FileAttributes) => (
   <label class="file">
-    <span class="visually-hidden">{words}</span>
+    {label}
     <input
       type="file"
       onChange={({ currentTarget }) => {
         onFiles([...(currentTarget.files ?? [])]);
-        // The same file may be chosen again.
         currentTarget.value = "";
       }}
       {...rest}
@@ -400,5 +398,41 @@ export const FileInput = ({
     <span class="file-button" aria-hidden="true">
       {words}
     </span>
+    {hint && <span class="quiet">{hint}</span>}
   </label>
+);
+
+export const Search = ({
+  label,
+  onSearch,
+  ...rest
+}: { readonly label: string; onSearch(typed: string): void } & Attributes) => (
+  <input
+    type="search"
+    maxLength={100}
+    placeholder={label}
+    aria-label={label}
+    onInput={({ currentTarget }) => onSearch(currentTarget.value.trim())}
+    // In a dialog it would press a button.
+    onKeyDown={(event) => event.key === "Enter" && event.preventDefault()}
+    {...rest}
+  />
+);
+
+export const Remark = ({
+  name = "",
+  role = "status",
+  hidden = false,
+  dismiss,
+  children,
+}: {
+  readonly name?: string;
+  readonly role?: "status" | "note";
+  readonly hidden?: boolean;
+  dismiss(): void;
+} & Children) => (
+  <div class={`notice-line remark ${name}`.trimEnd()} role={role} hidden={hidden}>
+    {children}
+    <IconButton icon="close" label={t("notice.dismiss")} onClick={dismiss} />
+  </div>
 );

@@ -6,7 +6,7 @@ import { getPicture, handOver, plainName } from "../base/api.ts";
 import { caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { keyOf } from "../model/keys.ts";
-import { doubtsOf, qualityOf } from "../model/quality.ts";
+import { doubtsOf } from "../model/quality.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { announced } from "../store/announce.ts";
@@ -17,7 +17,7 @@ import type { App } from "./app.ts";
 import { arrivalsDialog } from "./arrivals.tsx";
 import { CaseList } from "./cases.tsx";
 import { helpDialog, holderDialog } from "./dialogs.tsx";
-import { Button, Buttons, IconButton, Placed } from "./fields.tsx";
+import { Button, Buttons, IconButton, Placed, Remark } from "./fields.tsx";
 import { Panel } from "./panel.tsx";
 import { maskDialog, useDrawn } from "./server-picture.tsx";
 import { settingsDialog } from "./settings.tsx";
@@ -225,21 +225,20 @@ function Others({ app }: OfApp) {
   if (!launched || launched.id !== app.viewer.value?.store.shown.id) return null;
   const { others: count } = launched;
   return (
-    <div class="notice-line remark others" role="status">
+    <Remark name="others" dismiss={() => (app.launched.value = null)}>
       <span>{count === 1 ? t("launch.one-other") : t("launch.others", { count: number(count) })}</span>
       <a href="launch?choose" onClick={() => app.chooseHead()}>
         {t("launch.choose")}
       </a>
-      <IconButton icon="close" label={t("notice.dismiss")} onClick={() => (app.launched.value = null)} />
-    </div>
+    </Remark>
   );
 }
 
 /** A warning before a picture whose sides or mask are doubtful. */
 function Verdict({ viewer }: { readonly viewer: Viewer }) {
   const { shown } = viewer.store;
-  const quality = qualityOf(shown);
-  const doubts = quality ? doubtsOf(quality) : [];
+  const { quality } = shown;
+  const doubts = doubtsOf(quality);
   // Beside another case that has one, it keeps its room.
   if (!quality || doubts.length === 0) return <div class="quality" hidden />;
   return (

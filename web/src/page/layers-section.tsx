@@ -5,9 +5,18 @@ import { useRef, useState } from "preact/hooks";
 
 import { changeLayer, deleteLayer } from "../base/api.ts";
 import { failureWords } from "../base/case-words.ts";
-import { spoken, t } from "../base/i18n.ts";
+import { type Key, spoken, t } from "../base/i18n.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
-import { CONTRASTS, LAYER_KINDS, type Layer, TRANSFORMS, greyOf, isAdded, isReady } from "../model/layers.ts";
+import {
+  CONTRASTS,
+  LAYER_KINDS,
+  type Layer,
+  type LayerKind,
+  TRANSFORMS,
+  greyOf,
+  isAdded,
+  isReady,
+} from "../model/layers.ts";
 import { isLayerId } from "../model/maps.ts";
 import { layersOf } from "../model/state.ts";
 import { announce } from "../store/announce.ts";
@@ -101,6 +110,12 @@ function Item({
     if (isGrey) layers.grey(null);
     if (isColoured) layers.colours(id);
   };
+  const acts = [
+    ["up", "up", () => move(at - 1), at === 0],
+    ["down", "down", () => move(at + 1), at + 1 === count],
+    ["rename", "edit", () => change(rename)],
+    ["delete", "trash", () => change(remove)],
+  ] as const;
   const show = (how: "grey" | "colours", isOn: boolean, onClick: () => void) => (
     <Button value={how} aria-pressed={isOn} aria-label={t(`layer.${how}.of`, { name })} data-do={how} onClick={onClick}>
       {t(`layer.${how}`)}
@@ -133,34 +148,22 @@ function Item({
         {isReady(layer) && greyOf(layer) && show("grey", isGrey, () => layers.grey(isGrey ? null : id))}
         {isReady(layer) && show("colours", isColoured, () => layers.colours(id))}
         <Writing>
-          <IconButton
-            icon="up"
-            data-do="up"
-            label={t("layer.up", { name })}
-            disabled={at === 0}
-            onClick={() => move(at - 1)}
-          />
-          <IconButton
-            icon="down"
-            data-do="down"
-            label={t("layer.down", { name })}
-            disabled={at + 1 === count}
-            onClick={() => move(at + 1)}
-          />
-          <IconButton icon="edit" data-do="rename" label={t("layer.rename", { name })} onClick={() => change(rename)} />
-          <IconButton
-            icon="trash"
-            data-do="delete"
-            label={t("layer.delete", { name })}
-            onClick={() => change(remove)}
-          />
+          {acts.map(([name, icon, act, isOff = false]) => (
+            <IconButton
+              key={name}
+              icon={icon}
+              data-do={name}
+              label={t(`layer.${name}`, { name: layer.name })}
+              disabled={isOff}
+              onClick={act}
+            />
+          ))}
         </Writing>
       </Row>
     </li>
   );
 }
 
-/** The form for another layer. */
 function AddLayer({ store }: OfStore) {
   const { shown, layers, caseLayers } = store;
   const [chosen, setChosen] = useState<readonly File[]>([]);
@@ -227,28 +230,28 @@ function AddLayer({ store }: OfStore) {
           />
         </Line>
         <Line label={t("layer.kind")}>
-          <select id="layer-kind" name="kind" aria-label={t("layer.kind")}>
-            {["", ...LAYER_KINDS].map((kind) => (
-              <option key={kind} value={kind}>
-                {t(`layer.kind.${(kind || "auto") as "auto"}`)}
-              </option>
-            ))}
-          </select>
+          <Select name="kind" values={["auto", ...LAYER_KINDS]} />
         </Line>
         <Line label={t("layer.transform")}>
-          <select id="layer-transform" name="transform" aria-label={t("layer.transform")}>
-            {TRANSFORMS.map((one) => (
-              <option key={one} value={one}>
-                {t(`layer.transform.${one}`)}
-              </option>
-            ))}
-          </select>
+          <Select name="transform" values={TRANSFORMS} />
         </Line>
         <Transfer transfer={transfer} words={t("layer.send")} />
       </form>
     </details>
   );
 }
+
+type Chosen = LayerKind | (typeof TRANSFORMS)[number];
+
+const Select = ({ name, values }: { readonly name: "kind" | "transform"; readonly values: readonly Chosen[] }) => (
+  <select id={`layer-${name}`} name={name} aria-label={t(`layer.${name}`)}>
+    {values.map((one) => (
+      <option key={one} value={one}>
+        {t(`layer.${name}.${one}` as Key)}
+      </option>
+    ))}
+  </select>
+);
 
 /** How far a layer is, and how it is placed. */
 function statusWords(layer: Layer): string {

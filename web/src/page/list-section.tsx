@@ -1,5 +1,7 @@
 // The one list of a reading: the places to look at and the findings, what is known of each, and what a reader writes about it.
 
+import { clamp } from "../model/space.ts";
+import type { Store } from "../store/store.ts";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { reasonIn } from "../base/case-words.ts";
@@ -15,9 +17,10 @@ import {
   middleOf,
   numbered,
 } from "../model/findings.ts";
+import { findingAddress } from "../model/fragment.ts";
 import { keyOf } from "../model/keys.ts";
 import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
-import { mirrorPlane, reflected, sideOf } from "../model/midsagittal.ts";
+import { reflected, sideOf } from "../model/midsagittal.ts";
 import { excessOf, plainLine, plainText } from "../model/text.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
 import { goToRow } from "../store/bring.ts";
@@ -26,6 +29,7 @@ import { LIST_WORDS, type PlacesOfMap } from "../store/places.ts";
 import { choose, preferences } from "../store/preferences.ts";
 import type { Row as ListRow } from "../store/rows.ts";
 import { Chart } from "./chart.tsx";
+import { copied } from "./export.ts";
 import {
   Bar,
   Button,
@@ -139,7 +143,7 @@ function AboutPlaces({ store, list }: OfStore & { readonly list: PlacesOfMap }) 
       </>
     );
   }
-  const { state, reasons, reason_codes } = found.regions ?? { state: "ok", reasons: [], reason_codes: [] };
+  const { state, reasons, reason_codes } = found.regions;
   return (
     <>
       <Status class="nothing" words={list.nothingWords} />
@@ -189,7 +193,7 @@ function Item({ store, row, at, isStop }: OfRow & { readonly at: number | null; 
     item.current?.querySelector<HTMLElement>(".finding-label")?.focus();
   }, [findings.written.value, isOpen]);
   const judgement = judgementOf(row);
-  const side = place?.side ?? finding?.side ?? (finding && sideOf(middleOf(finding), mirrorPlane(shown))) ?? "unknown";
+  const side = place?.side ?? finding?.side ?? (finding && sideOf(middleOf(finding), shown.midsagittal)) ?? "unknown";
   const gyrus = gyrusWords(place?.gyrus ?? finding?.gyrus);
   const titled = (sideWords: string): string =>
     [finding && nounOf(finding), sideWords, gyrus].filter(Boolean).join(" ");
@@ -285,6 +289,11 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
       </div>
       {finding && <Fields store={store} finding={finding} name={name} />}
       <Quiet>{facts.filter(Boolean).join(" · ")}</Quiet>
+      {finding && (
+        <Row>
+          <Button onClick={() => void link(store, finding)}>{t("findings.link")}</Button>
+        </Row>
+      )}
       {/* The sharpness of the boundary says nothing about the other maps. */}
       {place && list?.map === "blur" && <WhyBars store={store} place={place} />}
       {place && list?.open.value === place && <Chart store={store} />}
@@ -292,12 +301,19 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
   );
 }
 
+/** Copies the address of a finding, which the server has by then. */
+async function link({ shown, findings }: Store, { id }: Finding): Promise<void> {
+  const { href } = new URL(findingAddress(shown.id, id), location.href);
+  await findings.sync.flush().catch(() => {});
+  findings.status.value = await copied(href);
+}
+
 /** How sharp the boundary is at a place and around it, once the map is here: bars of one scale. */
 function WhyBars({ store, place }: OfStore & { readonly place: Candidate }) {
   const [why, setWhy] = useState<Why | null>(null);
   useEffect(() => {
     const { position_in_patient } = place;
-    const opposite = reflected(position_in_patient, mirrorPlane(store.shown));
+    const opposite = reflected(position_in_patient, store.shown.midsagittal);
     store.caseLayers.voxels("sharpness").then(
       (sharpness) => setWhy(whyAt(sharpness, position_in_patient, opposite)),
       () => {},
@@ -426,5 +442,5 @@ function walk(event: KeyboardEvent & { readonly currentTarget: HTMLElement }): v
   if (steps === undefined || at < 0 || event.ctrlKey || event.metaKey || event.altKey) return;
   event.preventDefault();
   event.stopPropagation();
-  buttons[Math.min(Math.max(at + steps, 0), buttons.length - 1)]?.focus();
+  buttons[clamp(at + steps, 0, buttons.length - 1)]?.focus();
 }

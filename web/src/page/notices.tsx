@@ -4,7 +4,7 @@ import { useLayoutEffect, useRef } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { noted } from "../store/announce.ts";
-import { type OfStore, IconButton } from "./fields.tsx";
+import { type OfStore, Remark } from "./fields.tsx";
 
 /** So many parts of an address are named, and so much of each. */
 const MOST_UNREAD = 5;
@@ -35,10 +35,9 @@ export function Notices({ store }: OfStore) {
         <p class="notice-line" role="status" hidden={!fallback}>
           {fallback && t(`fallback.${fallback}`)}
         </p>
-        <div class="notice-line remark" role="status" hidden={remark === ""}>
+        <Remark hidden={remark === ""} dismiss={() => (store.remark.value = "")}>
           <span>{remark}</span>
-          <IconButton icon="close" label={t("notice.dismiss")} onClick={() => (store.remark.value = "")} />
-        </div>
+        </Remark>
       </div>
     </>
   );

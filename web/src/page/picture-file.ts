@@ -3,7 +3,6 @@
 import { ask } from "../base/api.ts";
 import { t } from "../base/i18n.ts";
 
-/** Saves bytes as a file. */
 export function saveFile(bytes: Blob, name: string): void {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(bytes);

@@ -1,5 +1,6 @@
 // The profile of a point in numbers: what the pointer reads, a table and a file.
 
+import { clamp } from "../model/space.ts";
 import { type Curve, PROFILE_STEP_MM, type Profile, type SidedCurves } from "../model/profile.ts";
 
 /** A curve has no value between samples that are further apart: the server's are half as far. */
@@ -35,6 +36,5 @@ export function profileCsv(profile: Profile, layers: readonly SidedCurves[], cap
   return [`depth_mm,intensity,mirrored_intensity${names.join("")},case,view,program`, ...rows, ""].join("\r\n");
 }
 
-/** The index of the sample nearest to a depth. */
 export const nearestSample = (profile: Profile, depth_mm: number): number =>
-  Math.min(Math.max(Math.round(depth_mm / PROFILE_STEP_MM), 0), profile.depth_mm.length - 1);
+  clamp(Math.round(depth_mm / PROFILE_STEP_MM), 0, profile.depth_mm.length - 1);

@@ -2,7 +2,7 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import { ask, postForFile, send } from "../base/api.ts";
+import { ask, post, postForFile, send } from "../base/api.ts";
 import { known, moment, spoken, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -42,7 +42,6 @@ function kindsOf(list: readonly Finding[]): readonly Kind[] {
   return KINDS.filter((kind) => !lacks(kind));
 }
 
-/** How far the sending of a result is. */
 function sendingWords({ node, state, attempts, reason, not_valid = "" }: Sending): string {
   const isTried = state === "queued" && attempts > 0;
   const words = t(isTried ? "sending.again" : `sending.${state}`, {
@@ -54,7 +53,6 @@ function sendingWords({ node, state, attempts, reason, not_valid = "" }: Sending
   return invalid ? `${words} ${t(invalid)}` : words;
 }
 
-/** The body of a request for a result of a kind. */
 function bodyOf(kind: Kind, { state, surface }: OnScreen): Readonly<Record<string, unknown>> {
   const render = pictureBody(surface.surface.served(state), [PIXELS, PIXELS]);
   switch (kind) {
@@ -152,8 +150,7 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
     say(t("pacs.saved"));
   };
   const deliver = async (): Promise<void> => {
-    const options = { method: "POST", body: JSON.stringify({ ...body, node }) };
-    let result = await ask<Sending>(path, options);
+    let result = await post<Sending>(path, { ...body, node });
     while (isOpen.current && (result.state === "queued" || result.state === "running")) {
       say(sendingWords(result));
       await wait(LOOK_AGAIN_MS);

@@ -1,14 +1,15 @@
 // Many pictures in one file, drawn by the server: a contact sheet, a turn, a sweep.
 
+import { VIEW_NAMES } from "../model/camera.ts";
 import { useState } from "preact/hooks";
 
 import { postForFile } from "../base/api.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { readDepths } from "../model/query.ts";
-import { SHEET_VIEWS, sheetBody, sweepBody, turnBody } from "../model/series.ts";
-import type { Vec2 } from "../model/space.ts";
-import { clamp, clampDepth } from "../model/state.ts";
+import { sheetBody, sweepBody, turnBody } from "../model/series.ts";
+import { type Vec2, clamp } from "../model/space.ts";
+import { clampDepth } from "../model/state.ts";
 import type { SweepChoice } from "../model/sweep.ts";
 import { Closing, End, open } from "./dialogs.tsx";
 import { type OnScreen, fileStem } from "./export.ts";
@@ -45,7 +46,7 @@ function Series({ onScreen, sweep }: { readonly onScreen: OnScreen; readonly swe
     if (kind === "turn")
       return turnBody(asked, TURN_PICTURES, Math.round((1000 * clamp(seconds || 6, 1, 60)) / TURN_PICTURES), size);
     const wished = readDepths(depths, deepest_mm);
-    return wished && sheetBody(asked, wished, SHEET_VIEWS, SHEET_PIXELS);
+    return wished && sheetBody(asked, wished, VIEW_NAMES, SHEET_PIXELS);
   };
   const save = async (): Promise<void> => {
     const body = bodyOf();

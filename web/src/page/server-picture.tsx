@@ -38,7 +38,6 @@ interface ShotProps {
   readonly name?: string;
 }
 
-/** The place of a picture. */
 export const Shot = ({ drawn, alt, words, name = "" }: ShotProps) => (
   <div class="server-shot" data-shown={drawn instanceof HTMLImageElement ? name : ""}>
     {drawn instanceof HTMLImageElement ? (

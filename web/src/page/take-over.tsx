@@ -12,10 +12,9 @@ import type { ViewState } from "../model/state.ts";
 import { patientWords } from "../base/pacs.ts";
 import type { Store } from "../store/store.ts";
 import { Closing, End, open } from "./dialogs.tsx";
-import { Status } from "./fields.tsx";
+import { LabelledChoice, Status } from "./fields.tsx";
 import { ServerPicture } from "./server-picture.tsx";
 
-/** The side of a picture, in pixels. */
 const PIXELS = 384;
 
 /** Lets the reader choose another case and compare both heads, then takes over its findings. */
@@ -82,26 +81,20 @@ function Heads({ store, onChoose }: { readonly store: Store; onChoose(id: string
     allCases().then((all) => offer(all.filter(isOffered)), complain);
   }, []);
 
+  const known = (id: string): ReadyCase | null => cases.find((one) => one.id === id) ?? null;
   const see = (id: string): void => setSeen((before) => new Set([...before, id]));
   const isSeen = other !== null && seen.has(other.id) && seen.has(shown.id);
   return (
     <>
       <p class="quiet">{t("take-over.text")}</p>
-      <label>
-        {t("take-over.other")}
-        <select
-          id="take-over-other"
-          value={other?.id ?? ""}
-          onChange={({ currentTarget }) => choose(cases.find(({ id }) => id === currentTarget.value) ?? null)}
-        >
-          <option value="">{t("compare.choose")}</option>
-          {cases.map((one) => (
-            <option key={one.id} value={one.id}>
-              {caseIdentity(one)}
-            </option>
-          ))}
-        </select>
-      </label>
+      <LabelledChoice
+        id="take-over-other"
+        label={t("take-over.other")}
+        values={["", ...cases.map(({ id }) => id)]}
+        value={other?.id ?? ""}
+        words={(wanted) => (wanted ? caseIdentity(known(wanted) as ReadyCase) : t("compare.choose"))}
+        onChoose={(wanted) => choose(known(wanted))}
+      />
       <div class="two-heads">
         <Head key={shown.id} title={t("take-over.this")} one={shown} state={view.now} onSeen={see} />
         {other && <Head key={other.id} title={t("take-over.from")} one={other} state={view.now} onSeen={see} />}

@@ -8,7 +8,6 @@ import type { Command } from "../model/controls.ts";
 import { keyOf } from "../model/keys.ts";
 import { MAP_NAMES, type MapName, isLayerId, isMap } from "../model/maps.ts";
 import { hasSlices, layersOf } from "../model/state.ts";
-import { replaceAddress } from "../store/address.ts";
 import { perform } from "../store/commands.ts";
 import { type OnScreen, copied, copyPicture, savePicture } from "./export.ts";
 import { Button, Buttons, Choice, Icon, IconButton, Menu, type OfStore, Quiet, Row, Status } from "./fields.tsx";
@@ -42,7 +41,7 @@ const Tool = ({ onClick, ...face }: Face & { onClick(): void }) => (
 );
 
 export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
-  const { measures, findings, view, caseLayers, isBare } = store;
+  const { measures, findings, view, caseLayers, isBare, hasHand } = store;
   const state = view.state.value;
   const ofKind = (kind: Command["kind"]): string => keyOf((command) => command.kind === kind);
   const ofMap = (name: MapName): string => keyOf((command) => command.kind === "map" && command.name === name);
@@ -65,14 +64,26 @@ export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
   const canUndo = view.canUndo.value || findings.canUndo.value;
   const canRedo = view.canRedo.value || findings.canRedo.value;
   const isMeasuring = measures.tool.value !== null;
+  /** What a drag does, when the ruler is laid down. */
+  const take = (isHand: boolean): void => {
+    measures.choose(null);
+    hasHand.value = isHand;
+  };
   return (
     <div class="tools" role="group" aria-label={t("tool.label")}>
       <Tool
         icon="point"
         words="tool.point"
         about="tool.point.about"
-        isOn={!isMeasuring}
-        onClick={() => measures.choose(null)}
+        isOn={!isMeasuring && !hasHand.value}
+        onClick={() => take(false)}
+      />
+      <Tool
+        icon="move"
+        words="tool.move"
+        about="tool.move.about"
+        isOn={store.moves.value}
+        onClick={() => take(!store.moves.peek())}
       />
       <Menu {...menu("window", faceOf({ icon: "window", words: "panel.window" }))}>
         <WindowControls store={store} />
@@ -125,7 +136,6 @@ export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
   );
 }
 
-/** Which map lies over the picture, and how. */
 function Maps({
   store,
   hasFlair,
@@ -176,7 +186,7 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
     </Button>
   );
   const copyAddress = (): Promise<string> => {
-    replaceAddress(store.view.now, store.shown);
+    store.view.rest();
     return copied(location.href);
   };
   return (
@@ -195,6 +205,9 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
         <Button onClick={() => serverPictureDialog(onScreen())}>{t("export.server")}</Button>
         <Button onClick={() => seriesDialog(onScreen(), store.sweep.choice.peek())}>{t("export.series")}</Button>
         {telling(t("export.copy"), copyAddress)}
+        <Button title={keyOf(({ kind }) => kind === "alone")} onClick={() => perform(store, { kind: "alone" })}>
+          {t("alone.show")}
+        </Button>
       </Row>
       <Status words={note} />
     </>

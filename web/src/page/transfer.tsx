@@ -6,7 +6,6 @@ import { useMemo } from "preact/hooks";
 import type { Observe } from "../base/api.ts";
 import { number, t } from "../base/i18n.ts";
 
-/** Files on their way. */
 export class Sending {
   readonly isBusy = signal(false);
   readonly share = signal(0);

@@ -13,7 +13,6 @@ export interface Sorted<F extends Named> {
   /** NIfTI, or a zip of DICOM. */
   readonly volume: F | null;
   readonly mask: F | null;
-  /** The files of a series. */
   readonly dicom: readonly F[];
   /** Further volumes of the same head. */
   readonly layers: readonly F[];

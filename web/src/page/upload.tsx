@@ -9,25 +9,23 @@ import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
 import { confirmRename, offerLayers } from "./dialogs.tsx";
+import { FileInput } from "./fields.tsx";
 import { type Offer, sendLayer, wishOf } from "./layer-form.ts";
 import { Sending, Transfer } from "./transfer.tsx";
 import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
-/** What is chosen for a case. */
 interface Chosen {
   readonly files: readonly File[];
   readonly mask: File | null;
 }
 const NOTHING: Chosen = { files: [], mask: null };
 
-/** The fields of the form. */
 interface Fields {
   readonly name: string;
   readonly radius_mm: number;
 }
 
 export class Upload {
-  /** Whether the form is unfolded. */
   readonly isOpen = signal(false);
   /** The result of the last upload; outside of the form, which is closed by then. */
   readonly done = signal("");
@@ -57,7 +55,6 @@ export class Upload {
     input?.click();
   }
 
-  /** Files that were dropped on the page. */
   drop(files: readonly File[]): void {
     this.isOpen.value = true;
     this.#isAtOnce = false;
@@ -119,7 +116,6 @@ export class Upload {
     this.emptied.value += 1;
   }
 
-  /** Empties and closes the form. */
   #forget(): void {
     this.#empty();
     this.isOpen.value = false;
@@ -177,29 +173,29 @@ export function UploadForm({ upload }: { readonly upload: Upload }) {
       <form id="upload" onSubmit={submit}>
         <div>
           <p class="drop-hint">{t("upload.drop")}</p>
-          <Files
+          <FileInput
             id="upload-volume"
             label={t("upload.volume")}
-            button={t("upload.choose-files")}
+            words={t("upload.choose-files")}
             hint={t("upload.volume-hint")}
             multiple
-            take={(files) => upload.take(files)}
+            onFiles={(files) => upload.take(files)}
           />
-          <Files
+          <FileInput
             id="upload-folder"
             label={t("upload.folder")}
-            button={t("upload.choose-folder")}
+            words={t("upload.choose-folder")}
             hint={t("upload.folder-hint")}
             webkitdirectory
-            take={(files) => upload.take(files)}
+            onFiles={(files) => upload.take(files)}
           />
-          <Files
+          <FileInput
             id="upload-mask"
             label={t("upload.mask")}
-            button={t("upload.choose-files")}
+            words={t("upload.choose-files")}
             hint={t("upload.mask-hint")}
             accept=".nii,.gz"
-            take={([mask = null]) => upload.takeMask(mask)}
+            onFiles={([mask = null]) => upload.takeMask(mask)}
           />
           <label>
             {t("upload.name")}
@@ -227,28 +223,6 @@ export function UploadForm({ upload }: { readonly upload: Upload }) {
     </details>
   );
 }
-
-interface FilesProps {
-  readonly id: string;
-  readonly label: string;
-  readonly button: string;
-  readonly hint: string;
-  readonly multiple?: boolean;
-  readonly webkitdirectory?: boolean;
-  readonly accept?: string;
-  take(files: readonly File[]): void;
-}
-
-const Files = ({ label, button, hint, take, ...rest }: FilesProps) => (
-  <label>
-    {label}
-    <input type="file" onChange={({ currentTarget }) => take([...(currentTarget.files ?? [])])} {...rest} />
-    <span class="file-button" aria-hidden="true">
-      {button}
-    </span>
-    <span class="quiet">{hint}</span>
-  </label>
-);
 
 /** What is chosen, in words, and by name: a name may hold the patient's, is shown here alone, and is never sent. */
 function ChosenFiles({ upload }: { readonly upload: Upload }) {

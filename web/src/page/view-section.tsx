@@ -1,14 +1,11 @@
 // The section of the panel with the direction, the part of the brain and the zoom.
 
-import { type ViewName, viewName } from "../model/camera.ts";
+import { VIEW_NAMES, viewName } from "../model/camera.ts";
 import { number, t } from "../base/i18n.ts";
 import { SLAB_LIMIT_MM, WAYS, ZOOM_RANGE } from "../model/state.ts";
 import { SURFACES } from "../model/surfaces.ts";
 import { perform } from "../store/commands.ts";
 import { Button, Buttons, ChoiceLine, type OfStore, Row, Section, Slider, Ticked } from "./fields.tsx";
-
-/** As the letters stand in the row. */
-const VIEW_ORDER: readonly ViewName[] = ["left", "right", "anterior", "posterior", "superior", "inferior"];
 
 export function ViewSection({ store }: OfStore) {
   const { view } = store;
@@ -19,7 +16,7 @@ export function ViewSection({ store }: OfStore) {
       <Buttons
         name="letters"
         label={t("panel.view")}
-        values={VIEW_ORDER}
+        values={VIEW_NAMES}
         value={viewName(orientation)}
         words={(name) => t(`letter.${name}`)}
         about={(name) => ({ "aria-label": t(`view.${name}`), title: t(`view.${name}`) })}

@@ -5,7 +5,7 @@ import { type ComponentChildren, render } from "preact";
 
 import type { ReadyCase } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
-import { readState, writeAddress } from "../model/fragment.ts";
+import { type OfCase, readState, writeAddress } from "../model/fragment.ts";
 import type { Left } from "../model/memory.ts";
 import { hasSlices } from "../model/state.ts";
 import { h } from "../base/dom.ts";
@@ -16,7 +16,7 @@ import { MapPane } from "../panes/flat-map.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import { announce } from "../store/announce.ts";
-import { settle } from "../store/bring.ts";
+import { goToRow, settle } from "../store/bring.ts";
 import { catchUp } from "../store/commands.ts";
 import { Store } from "../store/store.ts";
 import { DepthBar, Explanation } from "./depth-bar.tsx";
@@ -28,11 +28,10 @@ import { Tools } from "./tools.tsx";
 /** How long the state rests before the address follows it and the depth is read out. */
 const REST_MS = 350;
 
-/** What a case is opened with. */
 export interface Opening {
-  /** What the address says besides the case. */
   readonly rest: string;
-  /** The case as it was left. */
+  /** The finding to go to; empty: none. */
+  readonly finding: string;
   readonly left: Left;
   /** Whether the server alone draws. */
   readonly serverOnly: boolean;
@@ -56,13 +55,15 @@ export class Viewer {
   /** What was read out last; null before the first picture. */
   #said: string | null = null;
   #isDisposed = false;
+  #finding: string;
 
-  constructor(shown: ReadyCase, { rest, left, serverOnly }: Opening) {
+  constructor(shown: ReadyCase, { rest, finding, left, serverOnly }: Opening) {
     // An address that says something says all; one that names the case alone leaves it as it was.
     const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left.state, shown);
     const { state, unread } = isAsLeft ? { state: left.state, unread: [] } : readState(rest, shown);
     const store = (this.store = new Store(shown, state, left.history));
     store.remark.value = unreadWords(unread);
+    this.#finding = finding;
     this.#surface = new SurfacePane(store, serverOnly);
     this.#slices = new SliceGroup(store, () => this.#schedule());
     this.#panes = h(
@@ -118,17 +119,36 @@ export class Viewer {
     this.element.dataset.loaded = "true";
     store.isLoaded.value = true;
     store.meet(this.#surface.surface);
-    void store.findings.load();
+    void this.#readFindings();
     store.caseLayers.ask().catch(() => {});
     catchUp(store);
     this.#schedule();
   }
 
-  /** Shows what the address says, which Back has changed. */
-  restore(rest: string): void {
-    const { state, unread } = readState(rest, this.store.shown);
+  /** Shows what the address says, which Back has changed, or a hand. */
+  restore({ rest, finding }: OfCase): void {
+    const { state, unread } = readState(
+      rest,
+      this.store.shown,
+      rest === "" && finding ? this.store.view.now : undefined,
+    );
     this.store.take(state);
     this.store.remark.value = unreadWords(unread);
+    this.#finding = finding;
+    if (finding && this.store.isLoaded.peek()) void this.#readFindings();
+  }
+
+  /** Reads what is stored, and goes to the finding that the address names. */
+  async #readFindings(): Promise<void> {
+    const { store } = this;
+    const isRead = await store.findings.load();
+    const id = this.#finding;
+    if (!id || !isRead || store.isOver) return;
+    this.#finding = "";
+    const row = store.rows.all.peek().find(({ finding }) => finding?.id === id);
+    store.task.value = "read";
+    if (row) goToRow(store, row);
+    else store.remark.value = t("address.no-finding");
   }
 
   /** Failed requests are repeated. */
@@ -140,6 +160,7 @@ export class Viewer {
   dispose(): void {
     this.#isDisposed = true;
     for (const end of this.#ends) end();
+    document.body.classList.remove("alone");
     for (const host of this.#hosts) render(null, host);
     clearTimeout(this.#rest);
     cancelAnimationFrame(this.#frame);
@@ -187,8 +208,9 @@ export class Viewer {
         const { slices, closer } = store.outlined.value;
         this.#slices.outline(slices && !isBare);
         this.#closer?.outline(closer && !isBare);
-        Object.assign(this.#panes.dataset, { bare: isBare, outlined: slices });
+        Object.assign(this.#panes.dataset, { bare: isBare, outlined: slices, moves: store.moves.value });
       }),
+      effect(() => void document.body.classList.toggle("alone", store.isAlone.value)),
       effect(() => {
         if (store.centred.value > 0) for (const pane of [this.#slices, this.#closer]) pane?.center();
       }),

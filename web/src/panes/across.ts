@@ -36,12 +36,12 @@ const FIRST_MM = 90;
 const STEP_DEG = 5;
 const FINE_STEP_DEG = 1;
 
-/** What a picture shows. */
 interface Seen {
   readonly state: ViewState;
   readonly mark: Vec3;
   readonly turn_deg: number;
   readonly placing: Placing;
+  readonly size: Vec2;
 }
 
 interface Drawn {
@@ -88,7 +88,6 @@ export class AcrossPane extends PlanePane {
     this.write();
   }
 
-  /** The mark in the middle again. */
   center(): void {
     this.setPlacing(this.home);
   }
@@ -114,7 +113,7 @@ export class AcrossPane extends PlanePane {
 
   #seen(state: ViewState): Seen | null {
     const { crosshair_mm: mark, across_deg: turn_deg } = state;
-    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.placing } : null;
+    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.placing, size: this.size } : null;
   }
 
   #path({ state, mark, turn_deg }: Seen, size: Vec2): string {
@@ -154,7 +153,8 @@ export class AcrossPane extends PlanePane {
       this.overlay.marks([], this.size);
       return;
     }
-    this.#lay(drawn.placing);
+    const { placing, size } = drawn;
+    this.lie({ placing, size }, { placing: this.placing, size: this.size });
     this.overlay.letter(edgesOf(plane.orientation));
     this.overlay.scale(projection.mm_per_pixel, this.size[0]);
     const pixelOf = (point: Vec3): Vec2 => projection.pixelOf(point).slice(0, 2) as unknown as Vec2;
@@ -163,17 +163,6 @@ export class AcrossPane extends PlanePane {
     const inPlane = sliceMarks(this.marked, (point) => awayFrom(plane, point), pixelOf);
     this.overlay.marks(inPlane, this.size);
     this.sayHovered();
-  }
-
-  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
-  #lay(drawn: Placing): void {
-    const [width, height] = this.size;
-    const wanted = this.placing;
-    const mmPerPixel = (zoom: number): number =>
-      (2 * this.shown.envelope_sphere.radius_mm) / (zoom * Math.min(width, height));
-    const [before, now] = [mmPerPixel(drawn.zoom), mmPerPixel(wanted.zoom)];
-    const [x, y] = [0, 1].map((axis) => ((wanted.pan_mm[axis] ?? 0) - (drawn.pan_mm[axis] ?? 0)) / now);
-    this.image.style.transform = `translate(${x}px, ${-(y ?? 0)}px) scale(${before / now})`;
   }
 
   /** Where the patient is in the pane, in the plane of the picture that is up. */
@@ -210,24 +199,28 @@ export class AcrossPane extends PlanePane {
 
   #listen(): void {
     const view = () => acrossView({ orientation: [0, 0, 0, 1] }, this.placing);
-    listen(this.frame, {
-      tap: (place) => this.#tap(place),
-      drag: (kind, move) => {
-        if (kind === "window") return dragTheWindow(this.store, move);
-        if (kind === "turn" && this.store.tool) return;
-        this.place({ zoom: this.placing.zoom, ...pan(view(), this.shown, move, this.size) });
+    listen(
+      this.frame,
+      {
+        tap: (place) => this.#tap(place),
+        drag: (kind, move) => {
+          if (kind === "window") return dragTheWindow(this.store, move);
+          if (kind === "turn" && this.store.tool) return;
+          this.place({ zoom: this.placing.zoom, ...pan(view(), this.shown, move, this.size) });
+        },
+        pinch: (fingers) => this.place(pinch(view(), this.shown, fingers, this.size)),
+        wheel: (pixels, notches, place, event) => {
+          // A pinch on a touchpad comes as a wheel with the control key.
+          if (event.ctrlKey) this.place(zoomAt(view(), this.shown, wheelZoom(pixels * 2), place, this.size));
+          else if (notches !== 0) this.#turn(-notches, event.shiftKey);
+        },
+        pick: () => {
+          if (!this.store.tool) this.store.enlarge(this.name, true);
+        },
+        busy: () => {},
       },
-      pinch: (fingers) => this.place(pinch(view(), this.shown, fingers, this.size)),
-      wheel: (pixels, notches, place, event) => {
-        // A pinch on a touchpad comes as a wheel with the control key.
-        if (event.ctrlKey) this.place(zoomAt(view(), this.shown, wheelZoom(pixels * 2), place, this.size));
-        else if (notches !== 0) this.#turn(-notches, event.shiftKey);
-      },
-      pick: () => {
-        if (!this.store.tool) this.store.enlarge(this.name, true);
-      },
-      busy: () => {},
-    });
+      this.store.moves,
+    );
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       const steps = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[event.key];

@@ -61,7 +61,6 @@ export class ByteCount {
   }
 }
 
-/** Fetches the assets of a case. */
 export class Assets {
   readonly #id: string;
   readonly #signal: AbortSignal;

@@ -39,7 +39,6 @@ interface DataListener {
   first(signal: AbortSignal): Promise<void>;
   /** More is here for a device. */
   more(part: Partial<Fetched>, signal: AbortSignal): Promise<void>;
-  /** Everything is here. */
   whole(volume: Voxels8Or16, maps: FieldMaps): void;
 }
 
@@ -193,19 +192,19 @@ function* coarseMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, Fie
   return { field, smoothed: null, gradients: yield* gradients(field.voxels, field.size, COARSE_STEP), borderBox: null };
 }
 
-/** All that is made of the depths. */
-function* fieldMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
-  const smooth = yield* smoothed(field.voxels, field.size);
-  const slopes = yield* gradients(smooth, field.size);
-  return { field, smoothed: smooth, gradients: slopes, borderBox: borderBox(field.voxels, field.size) };
-}
-
-/** The same of a part, with its fence. */
-function* partMaps(coded: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
-  const { field, fenced } = yield* unfenced(coded);
+/** All that is made of the depths; of a part, with its fence. */
+function* fieldMaps(
+  field: Block<Int16Array<ArrayBuffer>>,
+  fenced: Uint8Array<ArrayBuffer> | null = null,
+): Generator<void, FieldMaps> {
   const smooth = yield* smoothed(field.voxels, field.size);
   const slopes = yield* gradients(smooth, field.size, undefined, fenced);
   return { field, smoothed: smooth, gradients: slopes, borderBox: borderBox(field.voxels, field.size), fenced };
+}
+
+function* partMaps(coded: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
+  const { field, fenced } = yield* unfenced(coded);
+  return yield* fieldMaps(field, fenced);
 }
 
 /** The maps with their gradients, which are not kept once they are on the device. */

@@ -7,7 +7,7 @@ import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { dragWindow } from "../model/controls.ts";
-import { mirrorPlane, reflected, sideOf } from "../model/midsagittal.ts";
+import { reflected, sideOf } from "../model/midsagittal.ts";
 import type { Marked } from "../model/marks.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { otherConvention } from "../model/slice-geometry.ts";
@@ -66,7 +66,6 @@ export class Closer {
     for (const { pane } of this.#panes) pane.outline(shown);
   }
 
-  /** Shows marks on each slice. */
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
     for (const { pane } of this.#panes) pane.mark(marked);
@@ -99,7 +98,7 @@ export class Closer {
   #halves(state: ViewState): readonly [ViewState, ViewState] {
     const { crosshair_mm: mark, convention } = state;
     if (!mark) return [state, { ...state, convention: otherConvention(convention) }];
-    if (this.#pair?.[0] !== mark) this.#pair = [mark, reflected(mark, mirrorPlane(this.#shown))];
+    if (this.#pair?.[0] !== mark) this.#pair = [mark, reflected(mark, this.#shown.midsagittal)];
     const [here, opposite] = mark === this.#held ? [this.#pair[1], mark] : this.#pair;
     return [
       { ...state, crosshair_mm: here },
@@ -166,14 +165,14 @@ export class Closer {
 
   /** Which side a pane shows: of the other side it is flipped. */
   #sideWords(mark: Vec3, isOpposite: boolean): string {
-    const side = sideOf(mark, mirrorPlane(this.#shown));
+    const side = sideOf(mark, this.#shown.midsagittal);
     if (side === "middle" || side === "unknown") return t(isOpposite ? "closer.flipped" : `side.${side}`);
     return t(`${isOpposite ? "flipped" : "mirror"}.${side}`);
   }
 
   /** The slices of both sides go together: on the other side the mark stays on its own. */
   #scroll(position: Vec3, isOpposite: boolean): void {
-    if (isOpposite) this.#pair = [reflected(position, mirrorPlane(this.#shown)), position];
+    if (isOpposite) this.#pair = [reflected(position, this.#shown.midsagittal), position];
     this.#store.moveCross(isOpposite && this.#pair ? this.#pair[0] : position, false);
   }
 }

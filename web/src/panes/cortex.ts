@@ -3,7 +3,6 @@
 import type { ReadyCase } from "../model/case.ts";
 import { type Centres, centresOf, surfacesOnMap } from "../model/flat-map.ts";
 import { type Depths, depthsOf } from "../model/isosurface.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { pictureSize } from "../model/query.ts";
@@ -24,20 +23,17 @@ import { Device, fitsMemory, handOver } from "./device.ts";
 import { mapLooks, panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
-import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "../store/surface.ts";
+import type { Fallback, LoadProgress, Surface, SurfaceOptions } from "../store/surface.ts";
 
 /** The most device pixels for a CSS pixel: where software draws, and where a device does. */
 const SOFTWARE_RATIO = 1;
 const DEVICE_RATIO = 2;
 /** So many pixels to a CSS pixel have soft edges in a picture that is saved. */
 const MOST_SOFT_RATIO = 2;
-/** The larger side of a slice. */
 const MOST_SLICE_PIXELS = 1600;
 
-/** See `surface.ts`. */
-export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
-
-class Cortex implements Surface {
+/** See `surface.ts`; it fills `host`. */
+export class Cortex implements Surface {
   readonly #host: HTMLElement;
   readonly #case: ReadyCase;
   readonly #options: SurfaceOptions;
@@ -59,7 +55,6 @@ class Cortex implements Surface {
   readonly #askedParts = new Set<PartName>();
   /** The surfaces that the flat map shows. */
   #onMap: readonly SurfaceName[] = [];
-  /** The surface that is drawn. */
   #surface: SurfaceName = "whole";
   #centres: Centres | null = null;
   #state: ViewState | null = null;
@@ -102,6 +97,7 @@ class Cortex implements Surface {
     this.#tell();
   }
 
+  /** Fetches what the first picture needs, then the rest. Rejects with the signal's reason when it is aborted. */
   async load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void> {
     const both = AbortSignal.any([signal, this.#gone.signal]);
     // Everything is here already.
@@ -119,6 +115,7 @@ class Cortex implements Surface {
     }
   }
 
+  /** Draws with the next frame; `moving` allows a coarser picture from the server. */
   draw(state: ViewState, moving: boolean): void {
     // What failed is tried again when another layer has been chosen.
     if (layersOf(state).join() !== (this.#state && layersOf(this.#state).join())) this.#asked.clear();
@@ -153,6 +150,7 @@ class Cortex implements Surface {
     return isPart(this.#surface) ? (this.#parts.get(this.#surface)?.max_depth_mm ?? null) : null;
   }
 
+  /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
   served(state: ViewState): ViewState {
     const part = isPart(state.surface) ? this.#parts.get(state.surface) : undefined;
     return part ? fitted(state, this.#case.envelope_sphere, part.envelope_sphere) : state;
@@ -162,6 +160,7 @@ class Cortex implements Surface {
     return this.pointsOf("whole")?.isInHead(position_in_patient) ?? true;
   }
 
+  /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
   async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
     const still = state.way === "auto" ? { ...state, way: "exact" as const } : state;
     const way = this.#drawable(still);
@@ -272,7 +271,7 @@ class Cortex implements Surface {
   /** Finds the middles of the hemispheres, which the flat map is drawn around. */
   async #findCentres(field: FieldMaps["field"]): Promise<void> {
     try {
-      this.#centres = await patiently(centresOf(field, mirrorPlane(this.#case)), this.#gone.signal);
+      this.#centres = await patiently(centresOf(field, this.#case.midsagittal), this.#gone.signal);
       this.#told = "";
       this.#tell();
     } catch {
@@ -491,7 +490,6 @@ class Cortex implements Surface {
     return [this.#host.clientWidth, this.#host.clientHeight];
   }
 
-  /** How many pixels a CSS pixel has. */
   get #ratio(): number {
     return Math.min(globalThis.devicePixelRatio, this.#device?.isSoftware ? SOFTWARE_RATIO : DEVICE_RATIO);
   }

@@ -1,7 +1,6 @@
 // The graphics context of a surface: taken, lost, restored, and filled with what has been fetched.
 
 import type { ReadyCase } from "../model/case.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { patiently } from "../base/patience.ts";
 import type { Vec2 } from "../model/space.ts";
 import type { Gl } from "../gl/gl.ts";
@@ -13,7 +12,6 @@ import { withGradients, type Fetched, type PartFetched } from "./case-data.ts";
 /** The most bytes on the device that a case may take. */
 const MOST_TEXTURE_BYTES = 1 << 30;
 
-/** The larger side of a picture that is saved. */
 const MOST_PICTURE_PIXELS = 8192;
 
 /** Whether a case is small enough for any device. */
@@ -110,7 +108,7 @@ export class Device {
     const { envelope_sphere: sphere, cuts = [], grid } = this.#case;
     const painter = new Painter(this.gl, {
       sphere,
-      plane: mirrorPlane(this.#case),
+      plane: this.#case.midsagittal,
       native_spacing_mm,
       cuts,
       spacing_mm: grid.spacing_mm,

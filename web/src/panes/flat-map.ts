@@ -9,7 +9,7 @@ import { problemWords } from "../base/problem-words.ts";
 import { depthWords } from "../base/readout.ts";
 import { LETTERS, towardsViewer } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { panMap, wheelZoom, zoomMap } from "../model/controls.ts";
+import { panMap, pinched, zoomMap } from "../model/controls.ts";
 import {
   type Centres,
   type DiscProjection,
@@ -34,27 +34,22 @@ import {
 } from "../model/flat-map.ts";
 import { ARROWS } from "../model/keys.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
-import { type Vec2, type Vec3, add, dot, length, scale, subtract } from "../model/space.ts";
+import { type Vec2, type Vec3, add, clamp, dot, scale, distance } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
-import { perform } from "../store/commands.ts";
-import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
 import type { Placed } from "./screenshot.ts";
-import { dragTheWindow } from "./slice-parts.ts";
+import { dragTheWindow, turnTheWheel } from "./slice-parts.ts";
 
 /** CSS pixels from one known position to the next. */
 const STEP = 2;
-/** The larger side of a picture of the server. */
 const MOST_PIXELS = 1600;
 const MOST_SAVED_PIXELS = 4096;
 /** How long the map must rest before its positions are fetched, in ms. */
 const REST_MS = 150;
-/** The distance of the lines of the graticule, in mm. */
 const GRATICULE_MM = 20;
 /** The diameter of the disc under the pointer, in mm. */
 const DISC_MM = 10;
@@ -71,7 +66,6 @@ function letterOf(direction: Vec3): string {
   return LETTERS[axis]?.[(direction[axis] ?? 0) > 0 ? 0 : 1] ?? "";
 }
 
-/** What a picture of the map shows. */
 interface Seen {
   readonly state: ViewState;
   /** In CSS pixels. */
@@ -107,7 +101,6 @@ export class MapPane {
   #seen: Seen | null = null;
   #marked: readonly Marked[] = [];
   #positions: MapPositions | null = null;
-  /** The curves that are drawn, and what they are of. */
   #drawn: readonly [MapPositions | null, Vec3 | null] = [null, null];
   /** What the positions are of. */
   #known = "";
@@ -294,7 +287,7 @@ export class MapPane {
   }
 
   #discs({ state, size }: Seen): readonly DiscProjection[] {
-    const discs = discsOf(this.#centres, mirrorPlane(this.#shown), state.map.has_inner);
+    const discs = discsOf(this.#centres, this.#shown.midsagittal, state.map.has_inner);
     return discs.map((disc) => projectDisc(disc, state.map, size));
   }
 
@@ -340,10 +333,10 @@ export class MapPane {
   #showCross({ state, size }: Seen, discs: readonly DiscProjection[], isKnown: boolean): void {
     const { crosshair_mm: marked } = state;
     const positions = this.#positions;
-    const projected = marked && isKnown ? (placeOnMap(discs, mirrorPlane(this.#shown), marked)?.place ?? null) : null;
+    const projected = marked && isKnown ? (placeOnMap(discs, this.#shown.midsagittal, marked)?.place ?? null) : null;
     const place = projected ?? (marked && positions && nearestPlace(positions, marked, 2 * HIDDEN_MM));
     const seen = place && positions ? shownAt(positions, place) : null;
-    const isHidden = seen && marked && length(subtract(seen, marked)) > HIDDEN_MM;
+    const isHidden = seen && marked && distance(seen, marked) > HIDDEN_MM;
     this.#overlay.cursor(place, size, { kind: isHidden ? "hidden" : "mark" });
   }
 
@@ -368,8 +361,8 @@ export class MapPane {
     const isLeft = about.hemisphere === "left";
     const side = isLeft ? "end" : "start";
     // At the upper corner towards the middle of the map, apart from the letter of the other side, or within the pane.
-    const corner = Math.min(Math.max(isLeft ? x + reach - SIDE_GAP : x - reach + SIDE_GAP, 8), width - 8);
-    const top = Math.min(Math.max(y - reach, 4), height - 40);
+    const corner = clamp(isLeft ? x + reach - SIDE_GAP : x - reach + SIDE_GAP, 8, width - 8);
+    const top = clamp(y - reach, 4, height - 40);
     const letters = [...rim, at(isLeft ? "L" : "R", corner, top + 26, `side ${side}`)];
     return about.face === "inner" ? [...letters, at(t("flat-map.inner"), corner, top + 42, `inner ${side}`)] : letters;
   }
@@ -403,7 +396,7 @@ export class MapPane {
   /** Where the other pane looks: what faces the viewer there. */
   #showLooking({ orientation }: ViewState, discs: readonly DiscProjection[]): void {
     const towards = towardsViewer(orientation);
-    const { normal } = mirrorPlane(this.#shown);
+    const { normal } = this.#shown.midsagittal;
     const isLeft = dot(normal, towards) >= 0;
     const disc = discs.find(({ disc: { hemisphere, face } }) => face === "outer" && (hemisphere === "left") === isLeft);
     const position = disc && add(disc.disc.center_in_patient, towards);
@@ -466,29 +459,28 @@ export class MapPane {
 
   #listen(): void {
     const store = this.#store;
-    listen(this.element, {
-      drag: (kind, move) => {
-        if (kind === "window") dragTheWindow(store, move);
-        else this.#pan(move);
+    listen(
+      this.element,
+      {
+        drag: (kind, move) => {
+          if (kind === "window") dragTheWindow(store, move);
+          else this.#pan(move);
+        },
+        pinch: (fingers) => {
+          const { factor, about, move } = pinched(fingers);
+          this.#zoom(factor, about);
+          this.#pan(move);
+        },
+        wheel: (pixels, notches, place, event) =>
+          turnTheWheel(store, [pixels, notches, event], (factor) => this.#zoom(factor, place)),
+        tap: (place) => this.#pick(place),
+        pick: () => {},
+        busy: (isBusy) => {
+          store.isMoving.value = isBusy;
+        },
       },
-      pinch: ({ from, to }) => {
-        const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
-        const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
-        const [before, after] = [middle(from), middle(to)];
-        this.#zoom(apart(to) / apart(from), before);
-        this.#pan([after[0] - before[0], after[1] - before[1]]);
-      },
-      wheel: (pixels, notches, place, event) => {
-        const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
-        if (!isDepth) this.#zoom(wheelZoom(event.ctrlKey ? pixels * 5 : pixels), place);
-        else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
-      },
-      tap: (place) => this.#pick(place),
-      pick: () => {},
-      busy: (isBusy) => {
-        store.isMoving.value = isBusy;
-      },
-    });
+      store.moves,
+    );
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));
   }
@@ -522,6 +514,6 @@ export class MapPane {
 const onDisc =
   (disc: DiscProjection, discs: readonly DiscProjection[], shown: ReadyCase) =>
   (position: Vec3): Vec3 => {
-    const found = placeOnMap(discs, mirrorPlane(shown), position);
+    const found = placeOnMap(discs, shown.midsagittal, position);
     return found?.on === disc ? [...found.place, 1] : [0, 0, -1];
   };

@@ -1,12 +1,12 @@
 // Pointers, wheel and touch on a pane, as drags, pinches and clicks.
 
+import type { ReadonlySignal } from "@preact/signals";
+
 import type { Vec2 } from "../model/space.ts";
 import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
 
-/** What a drag does, by its button and modifier. */
 type DragKind = "turn" | "pan" | "window";
 
-/** What hands do on a pane. */
 export interface Gestures {
   /** A hand came down; a finger may also be about to scroll the page. */
   press?(kind: DragKind, place: Vec2, isFinger: boolean): void;
@@ -23,16 +23,16 @@ export interface Gestures {
   busy(busy: boolean): void;
 }
 
-const kindOf = (event: PointerEvent): DragKind => {
+const kindOf = (event: PointerEvent, moves: boolean): DragKind => {
   if (event.button === 2) return "window";
-  return event.button === 1 || event.shiftKey ? "pan" : "turn";
+  return event.button === 1 || event.shiftKey !== moves ? "pan" : "turn";
 };
 
 /** A hand that moves by no more than this has not moved, in CSS pixels. */
 export const STILL_PIXELS = 4;
 
-/** Listens to a pane; its places are CSS pixels from the pane's top left corner. */
-export function listen(pane: HTMLElement, gestures: Gestures): void {
+/** Listens to a pane, where a drag may move what is shown; its places are CSS pixels from the pane's top left corner. */
+export function listen(pane: HTMLElement, gestures: Gestures, moves: ReadonlySignal<boolean>): void {
   const touches = new Map<number, Vec2>();
   const notches = new Notches();
   let kind: DragKind = "turn";
@@ -57,7 +57,7 @@ export function listen(pane: HTMLElement, gestures: Gestures): void {
     if (touches.size >= 2) return;
     pane.setPointerCapture(event.pointerId);
     if (touches.size === 0) {
-      kind = kindOf(event);
+      kind = kindOf(event, moves.peek());
       still = placeOf(event);
       gestures.busy(true);
       gestures.press?.(kind, placeOf(event), event.pointerType === "touch");

@@ -3,7 +3,6 @@
 import type { ReadyCase } from "../model/case.ts";
 import { type Centres, discsOf, surfaceOf } from "../model/flat-map.ts";
 import { type LayerOverlay, isDiverging, styleOf } from "../model/maps.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { type SliceView, isFlipped, sliceCamera, sliceCenter } from "../model/slice-geometry.ts";
 import type { Vec2 } from "../model/space.ts";
 import {
@@ -80,7 +79,7 @@ export function panesOf(state: ViewState, canvas: Vec2): Pane[] {
 
 /** The discs of the flat map, each with its surface. */
 export const mapLooks = (state: ViewState, centres: Centres, shown: ReadyCase): readonly Look[] =>
-  discsOf(centres, mirrorPlane(shown), state.map.has_inner).map((disc) => ({
+  discsOf(centres, shown.midsagittal, state.map.has_inner).map((disc) => ({
     ...lookOf({ ...state, surface: surfaceOf(disc) }),
     onMap: { disc, view: state.map },
   }));

@@ -1,9 +1,10 @@
 // The legend of a map over a picture: its name and unit, which value has which colour, and what is transparent.
 
+import { clamp } from "../model/space.ts";
 import { h, setText } from "../base/dom.ts";
 import { known, number, t } from "../base/i18n.ts";
 import { type LayerOverlay, isDiverging, shareOf, styleOf } from "../model/maps.ts";
-import { COLOURS, overlayWords } from "./overlay.ts";
+import { COLOURS, overlayWords, rampOf } from "./overlay.ts";
 
 const ROWS = 64;
 /** Colours from the first to the last value, as the server's. */
@@ -17,7 +18,7 @@ const MAP_COLOURS = {
 
 /** Writes numbers of a window with so many digits that its ends differ. */
 export function writer([low, high]: readonly [number, number]): (value: number) => string {
-  const places = Math.min(Math.max(Math.ceil(1 - Math.log10(high - low)), 0), 6);
+  const places = clamp(Math.ceil(1 - Math.log10(high - low)), 0, 6);
   return (value) => number(value, high - low < 50 ? Math.max(places, 1) : 0);
 }
 
@@ -67,11 +68,8 @@ export class MapBar {
     if (!context) return;
     // The colours belong to their window, which need not be all of the ramp; beyond its ends they stay.
     const first = ROWS * ((window[1] - style.window[0]) / (window[1] - window[0]));
-    const ramp = context.createLinearGradient(0, first, 0, 0);
-    const colours = MAP_COLOURS[colormap];
-    colours.forEach((colour, index) => ramp.addColorStop(index / (colours.length - 1), colour));
     context.clearRect(0, 0, 1, ROWS);
-    context.fillStyle = ramp;
+    context.fillStyle = rampOf(context, first, MAP_COLOURS[colormap]);
     for (let row = 0; row < ROWS; row += 1) {
       const value = window[1] + ((row + 0.5) / ROWS) * (window[0] - window[1]);
       context.globalAlpha = shareOf(overlay, value);
@@ -90,6 +88,6 @@ function shownRange(overlay: LayerOverlay): readonly [number, number] {
 /** A line across the ramp, with its number. */
 function tick(value: number, [low, high]: readonly [number, number], words: string): HTMLElement {
   const element = h("div", { class: "tick" }, h("span", { class: "tick-line" }), h("span", {}, words));
-  element.style.top = `${100 * Math.min(Math.max((high - value) / (high - low), 0), 1)}%`;
+  element.style.top = `${100 * clamp((high - value) / (high - low), 0, 1)}%`;
   return element;
 }

@@ -44,7 +44,6 @@ export class Marks {
   #size: Vec2 = [0, 0];
   #pixel_mm = 1;
   #letters: readonly Lettering[] = [];
-  /** The point that the pointer is on. */
   #hovered: Mark | null = null;
 
   show(marks: readonly Mark[], size: Vec2, mm_per_pixel: number): void {

@@ -3,12 +3,11 @@
 import { svg } from "../base/dom.ts";
 import type { Sphere } from "../model/case.ts";
 import { type MaskBlock, axesAcross, maskOutline } from "../model/mask.ts";
-import type { SliceLayer } from "./slice-parts.ts";
 import { PLANES } from "../model/query.ts";
 import { type SliceView, slicePixel } from "../model/slice-geometry.ts";
 import { type Vec2, type Vec3, transform } from "../model/space.ts";
 
-export class MaskLayer implements SliceLayer {
+export class MaskLayer {
   readonly #path = svg("path", { "vector-effect": "non-scaling-stroke" });
   readonly element = svg("svg", { class: "mask-outline", "aria-hidden": "true", hidden: true }, this.#path);
   readonly #mask: MaskBlock;
@@ -18,6 +17,7 @@ export class MaskLayer implements SliceLayer {
     this.#mask = mask;
   }
 
+  /** `isShown`: outlines are not hidden. */
   show(view: SliceView, sphere: Sphere, isShown: boolean): void {
     const mask = this.#mask;
     this.element.toggleAttribute("hidden", !isShown);

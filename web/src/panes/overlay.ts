@@ -7,14 +7,13 @@ import { intensity, number, t } from "../base/i18n.ts";
 import { scaleBar } from "../base/readout.ts";
 import { type LayerOverlay, type LayerWords, isMap } from "../model/maps.ts";
 import type { Mark } from "../model/marks.ts";
-import type { Vec2 } from "../model/space.ts";
-import { type Colormap, type HalfLook, type Swipe, type ViewState, clamp, windowEnds } from "../model/state.ts";
+import { type Vec2, clamp } from "../model/space.ts";
+import { type Colormap, type HalfLook, type Swipe, type ViewState, windowEnds } from "../model/state.ts";
 import { Cursor, type CursorLook } from "./cursor.ts";
 import { Marks } from "./marks.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
 
-/** The writing on one picture. */
 export class Overlay {
   readonly element: HTMLElement;
   /** What is shown, and as what: in a slice, beside its slider. */
@@ -106,7 +105,6 @@ export class Overlay {
     this.#cursor.show(place, size, this.#pixel_mm, look);
   }
 
-  /** The findings that lie here. */
   marks(marks: readonly Mark[], size: Vec2): void {
     this.#marks.show(marks, size, this.#pixel_mm);
   }
@@ -125,6 +123,13 @@ export const COLOURS: Readonly<Record<Colormap, readonly string[]>> = {
   hot: ["#000", "#f00", "#ff0", "#fff"],
   viridis: ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"],
 };
+
+/** Colours from a height up to 0. */
+export function rampOf(context: CanvasRenderingContext2D, height: number, colours: readonly string[]): CanvasGradient {
+  const ramp = context.createLinearGradient(0, height, 0, 0);
+  colours.forEach((colour, index) => ramp.addColorStop(index / (colours.length - 1), colour));
+  return ramp;
+}
 
 /** A layer, and where its place comes from: `FLAIR, registered`. */
 export const titleWords = (about: LayerWords | undefined): string =>
@@ -167,15 +172,12 @@ export class ColourBar {
     tell(this.#title, title);
     // Both ends to the same place, about a hundredth of the width.
     const [black, white] = windowEnds(window);
-    const places = Math.min(Math.max(2 - Math.round(Math.log10(white - black)), 0), 6);
+    const places = clamp(2 - Math.round(Math.log10(white - black)), 0, 6);
     setText(this.#white, number(white, places));
     setText(this.#black, number(black, places));
     const context = this.#canvas.getContext("2d");
     if (!context) return;
-    const ramp = context.createLinearGradient(0, 64, 0, 0);
-    const colours = COLOURS[colormap];
-    colours.forEach((colour, index) => ramp.addColorStop(index / (colours.length - 1), colour));
-    context.fillStyle = ramp;
+    context.fillStyle = rampOf(context, 64, COLOURS[colormap]);
     context.fillRect(0, 0, 1, 64);
   }
 }

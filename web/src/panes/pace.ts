@@ -1,5 +1,6 @@
 // How much a frame may cost: on a slow device a picture that changes is drawn with less, and in full when it rests.
 
+import { clamp } from "../model/space.ts";
 import { number, t } from "../base/i18n.ts";
 import type { Gl } from "../gl/gl.ts";
 import { type Drawn, FULL_QUALITY, type Quality } from "../gl/scene.ts";
@@ -64,7 +65,7 @@ export class Pace {
     });
     clearTimeout(this.#rest);
     const [least_ms, most_ms] = REST_MS;
-    const rest_ms = Math.min(Math.max(this.#full_ms.exact, least_ms), most_ms);
+    const rest_ms = clamp(this.#full_ms.exact, least_ms, most_ms);
     this.#rest = window.setTimeout(() => this.#onRest(isLast), rest_ms);
   }
 
@@ -72,7 +73,6 @@ export class Pace {
     return this.#timer.times.frames;
   }
 
-  /** The times of the last frames, in words. */
   get words(): string {
     const { script_ms, frame_ms, frames } = this.#timer.times;
     if (frame_ms === 0) return t("timer.none");

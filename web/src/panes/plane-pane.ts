@@ -6,7 +6,7 @@ import { h, iconButton, setText } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { depthAtWords, positionWords } from "../base/readout.ts";
 import type { Marked } from "../model/marks.ts";
-import { CENTRED, type Placing } from "../model/slice-geometry.ts";
+import { CENTRED, type Lying, type Placing, laid } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
@@ -20,12 +20,9 @@ interface PaneParts {
   readonly name: string;
   readonly classes: string;
   readonly label: string;
-  /** The plane in words. */
   readonly plane: string;
-  /** The zoom at first. */
   readonly zoom: number;
   readonly range: { readonly min: number; readonly max: number; readonly step: number; readonly "aria-label": string };
-  /** What stands beside the slider. */
   readonly buttons?: readonly HTMLElement[];
 }
 
@@ -89,7 +86,6 @@ export abstract class PlanePane {
   /** Writes of the picture that is up. */
   protected abstract write(): void;
 
-  /** The slider was moved. */
   protected abstract slide(value: number): void;
 
   /** Where the patient is at a place of the pane; null: nowhere. */
@@ -112,19 +108,16 @@ export abstract class PlanePane {
     this.overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.shown) : "");
   }
 
-  /** Shows the marks that lie in the slice. */
   mark(marked: readonly Marked[]): void {
     this.marked = marked;
     this.write();
   }
 
-  /** Whether the outlines are drawn. */
   outline(shown: boolean): void {
     this.outlined = shown;
     if (this.state) this.show(this.state);
   }
 
-  /** Describes the slice for screen readers. */
   describe(words: string): void {
     setText(this.#words, `${this.range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
   }
@@ -142,11 +135,25 @@ export abstract class PlanePane {
     return `${this.shown.id}/slices/${plane}?${query}`;
   }
 
-  /** A picture is up. */
   protected put(image: HTMLElement, facts: Readonly<Record<string, string | number>>): void {
     this.image.replaceChildren(image);
     this.element.classList.remove("blank");
     Object.assign(this.element.dataset, facts);
+  }
+
+  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
+  protected lie(drawn: Lying, wanted: Lying): void {
+    const { scale, move } = laid(drawn, wanted, this.shown.envelope_sphere);
+    const [width, height] = drawn.size;
+    // The picture keeps its own size and shape, about the pane's middle.
+    Object.assign(this.image.style, {
+      inset: "auto",
+      left: `${(wanted.size[0] - width) / 2}px`,
+      top: `${(wanted.size[1] - height) / 2}px`,
+      width: `${width}px`,
+      height: `${height}px`,
+      transform: `translate(${move[0]}px, ${move[1]}px) scale(${scale})`,
+    });
   }
 
   /** Why the picture that is wanted cannot be had; null: it is up. */

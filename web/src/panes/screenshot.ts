@@ -2,7 +2,6 @@
 
 import { type SvgPicture, svgPicture } from "./paint-svg.ts";
 
-/** A picture in its place. */
 export interface Placed {
   readonly element: Element;
   readonly picture: CanvasImageSource;

@@ -86,7 +86,6 @@ export class SliceGroup {
     for (const pane of this.#all) pane.center();
   }
 
-  /** Shows marks on each slice. */
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
     for (const pane of this.#all) pane.mark(marked);
@@ -102,7 +101,6 @@ export class SliceGroup {
     for (const pane of this.#all) pane.describe(words);
   }
 
-  /** Shows the outlines, or hides them. */
   outline(isShown: boolean): void {
     this.#isOutlined = isShown;
     for (const pane of this.#all) pane.outline(isShown);

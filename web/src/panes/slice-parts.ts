@@ -1,23 +1,13 @@
-// What slices have in common: what lies over them, and what hands do in them.
+// What panes have in common: what hands do in them.
 
-import type { Sphere } from "../model/case.ts";
-import { dragWindow } from "../model/controls.ts";
-import type { SliceView } from "../model/slice-geometry.ts";
+import { dragWindow, wheelZoom } from "../model/controls.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
+import { perform } from "../store/commands.ts";
 import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 
-/** The larger side of a picture of the server. */
 export const MOST_PIXELS = 768;
-/** The larger side of a slice that is saved. */
 export const MOST_SAVED_PIXELS = 4096;
-
-/** Something that is drawn over a slice. */
-export interface SliceLayer {
-  readonly element: SVGSVGElement;
-  /** `isShown`: outlines are not hidden. */
-  show(view: SliceView, sphere: Sphere, isShown: boolean): void;
-}
 
 /** What a slice of the close-up shows, and how it differs from others under a hand. */
 export interface SliceRole {
@@ -26,11 +16,9 @@ export interface SliceRole {
   readonly isOpposite: boolean;
   /** Whether layers are shown, not the case alone. */
   readonly isLayer: boolean;
-  /** The zoom at first. */
   readonly zoom: number;
   /** The side on which a place is. */
   words(position_in_patient: Vec3): string;
-  /** A drag with the right button. */
   window(move: Vec2): void;
   /** The cross is put here; `isDone` when the hand has left. */
   move(position_in_patient: Vec3, isDone: boolean): void;
@@ -44,3 +32,14 @@ export type Zoomed = (from: string, zoom: number) => void;
 /** A drag with the right button changes the window of what is shown. */
 export const dragTheWindow = ({ view, shown }: Store, move: Vec2): void =>
   view.change(dragWindow(view.now, shown, move, preferences.peek().drag));
+
+/** The wheel zooms or goes to another depth, as is preferred; with alt it does the other. A pinch on a touchpad comes with the control key. */
+export function turnTheWheel(
+  store: Store,
+  [pixels, notches, event]: readonly [number, number, WheelEvent],
+  zoom: (factor: number) => void,
+): void {
+  const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
+  if (!isDepth) zoom(wheelZoom(event.ctrlKey ? pixels * 5 : pixels));
+  else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
+}

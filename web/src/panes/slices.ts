@@ -6,7 +6,7 @@ import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
 import { thresholdWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
-import { mirrorPlane, reflected } from "../model/midsagittal.ts";
+import { reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
 import { wheelZoom } from "../model/controls.ts";
 import { type Marked, sliceMarks } from "../model/marks.ts";
@@ -15,7 +15,6 @@ import {
   followedSlice,
   type SliceView,
   isFlipped,
-  laid,
   movedSlice,
   pinchedSlice,
   reachOf,
@@ -31,24 +30,16 @@ import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
 import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
-import {
-  MOST_PIXELS,
-  MOST_SAVED_PIXELS,
-  type SliceLayer,
-  type SliceRole,
-  type Zoomed,
-  dragTheWindow,
-} from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceRole, type Zoomed, dragTheWindow } from "./slice-parts.ts";
+import type { MaskLayer } from "./mask-layer.ts";
 import { PlanePane } from "./plane-pane.ts";
 import { edgesWords, imageWords } from "./slice-words.ts";
 import { Trace } from "./trace.ts";
 
 /** The server's colours of outlines, in their order. */
 const OUTLINE_COLOURS = 8;
-/** A step of the wheel and of the arrows, in mm. */
 const STEP_MM = 1;
 
-/** What a picture of a slice shows. */
 interface Seen {
   readonly state: ViewState;
   readonly view: SliceView;
@@ -58,9 +49,8 @@ export class SlicePane extends PlanePane {
   readonly plane: Plane;
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
   readonly #legend = h("div", { class: "outlines", hidden: true });
-  /** Of the close-up. */
   readonly #role: SliceRole | null;
-  #layer: SliceLayer | null = null;
+  #mask: MaskLayer | null = null;
   readonly #trace = new Trace((place) => this.#turn(place));
   #across: AcrossPlane | null = null;
   /** The mark that the slice was brought to, or that was put here by a hand. */
@@ -155,11 +145,11 @@ export class SlicePane extends PlanePane {
     this.setPlacing(followedSlice({ ...this.#view(state), placing: this.home }, this.shown, mark));
   }
 
-  /** Lays something over the slice, below what is written on it; null: nothing. */
-  lay(layer: SliceLayer | null): void {
-    this.#layer?.element.remove();
-    this.#layer = layer;
-    if (layer) this.overlay.element.prepend(layer.element);
+  /** Lays the outline of a mask over the slice, below what is written on it; null: none. */
+  lay(mask: MaskLayer | null): void {
+    this.#mask?.element.remove();
+    this.#mask = mask;
+    if (mask) this.overlay.element.prepend(mask.element);
     if (this.state) this.show(this.state);
   }
 
@@ -215,7 +205,7 @@ export class SlicePane extends PlanePane {
     const sphere = this.shown.envelope_sphere;
     const { state, view } = this.#seen(this.state);
     const drawn = this.#drawn;
-    if (drawn) this.#lay(drawn.view, view);
+    if (drawn) this.lie(drawn.view, view);
     this.image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
     this.overlay.letter(sliceEdges(this.plane, state.convention));
     const { position_mm } = view;
@@ -240,7 +230,7 @@ export class SlicePane extends PlanePane {
     this.overlay.twin(twin, view.size);
     this.#showMarks(view);
     this.#showTrace(view);
-    this.#layer?.show(view, sphere, this.outlined);
+    this.#mask?.show(view, sphere, this.outlined);
     this.#explain(state);
     this.range.setAttribute("aria-valuetext", `${place} ${more}`);
     if (!this.#role) return;
@@ -262,7 +252,7 @@ export class SlicePane extends PlanePane {
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
   #twin(state: ViewState, view: SliceView, marked: Vec3 | null): Vec2 | null {
     if (!marked || !isMirrored(state) || this.plane === "sagittal") return null;
-    return slicePixel(view, this.shown.envelope_sphere, reflected(marked, mirrorPlane(this.shown)));
+    return slicePixel(view, this.shown.envelope_sphere, reflected(marked, this.shown.midsagittal));
   }
 
   /** Shows how the slice across the sulcus crosses this one; null: it does not. */
@@ -319,21 +309,6 @@ export class SlicePane extends PlanePane {
     if (this.state) this.slide(this.#center(this.state)[PLANES[this.plane].axis] + steps * STEP_MM);
   }
 
-  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
-  #lay(drawn: SliceView, wanted: SliceView): void {
-    const { scale, move } = laid(drawn, wanted, this.shown.envelope_sphere);
-    const [width, height] = drawn.size;
-    // The picture keeps its own size and shape, about the pane's middle.
-    Object.assign(this.image.style, {
-      inset: "auto",
-      left: `${(wanted.size[0] - width) / 2}px`,
-      top: `${(wanted.size[1] - height) / 2}px`,
-      width: `${width}px`,
-      height: `${height}px`,
-      transform: `translate(${move[0]}px, ${move[1]}px) scale(${scale})`,
-    });
-  }
-
   /** A mark that was put elsewhere is brought into the middle. */
   #follow(mark: Vec3 | null): void {
     if (mark === this.#followed || !this.state || this.frame.clientWidth === 0) return;
@@ -381,64 +356,68 @@ export class SlicePane extends PlanePane {
     };
     let pressed: Vec2 = [0, 0];
     let pulled: Vec2 | null = null;
-    listen(this.frame, {
-      press: (kind, place, isFinger) => {
-        pressed = place;
-        pulled = null;
-        if (kind === "turn" && this.store.tool) {
-          if (isFinger) pulled = place;
-          else set(place);
-          return;
-        }
-        at = kind === "turn" ? place : null;
-        marked = null;
-        mayScroll = isFinger;
-        if (at && !isFinger) cross(at, false);
+    listen(
+      this.frame,
+      {
+        press: (kind, place, isFinger) => {
+          pressed = place;
+          pulled = null;
+          if (kind === "turn" && this.store.tool) {
+            if (isFinger) pulled = place;
+            else set(place);
+            return;
+          }
+          at = kind === "turn" ? place : null;
+          marked = null;
+          mayScroll = isFinger;
+          if (at && !isFinger) cross(at, false);
+        },
+        cancel: () => (at = pulled = null),
+        drag: (kind, move, place) => {
+          if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.store, move);
+          if (kind === "pan") {
+            if (this.state) this.place(movedSlice(this.#view(this.state), this.shown, move));
+            return;
+          }
+          const tool = this.store.tool;
+          if (tool) {
+            // A hand that clicks may tremble.
+            if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
+            return tool.hover(this.positionAt(place));
+          }
+          at = place;
+          // A finger that goes up or down may be taken away to scroll the page.
+          mayScroll &&= Math.abs(move[1]) >= Math.abs(move[0]);
+          if (!mayScroll) cross(place, false);
+        },
+        pinch: (fingers) => {
+          at = pulled = null;
+          if (this.state) this.place(pinchedSlice(this.#view(this.state), this.shown, fingers));
+        },
+        wheel: (pixels, notches, place, event) => {
+          // A pinch on a touchpad comes as a wheel with the control key.
+          if (event.ctrlKey && this.state) {
+            this.place(zoomedSlice(this.#view(this.state), this.shown, wheelZoom(pixels * 2), place));
+          } else if (!event.ctrlKey && notches !== 0) {
+            // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
+            this.#step(-notches);
+          }
+        },
+        pick: () => {
+          if (!this.store.tool) this.store.enlarge(this.name, true);
+        },
+        busy: (busy) => {
+          if (!busy && pulled) set(pulled);
+          pulled = null;
+          if (busy) return;
+          if (at) cross(at, true);
+          // A second finger, or the system, ends what a hand has begun.
+          else if (marked) this.#move(marked, true);
+          at = marked = null;
+        },
       },
-      cancel: () => (at = pulled = null),
-      drag: (kind, move, place) => {
-        if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.store, move);
-        if (kind === "pan") {
-          if (this.state) this.place(movedSlice(this.#view(this.state), this.shown, move));
-          return;
-        }
-        const tool = this.store.tool;
-        if (tool) {
-          // A hand that clicks may tremble.
-          if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
-          return tool.hover(this.positionAt(place));
-        }
-        at = place;
-        // A finger that goes up or down may be taken away to scroll the page.
-        mayScroll &&= Math.abs(move[1]) >= Math.abs(move[0]);
-        if (!mayScroll) cross(place, false);
-      },
-      pinch: (fingers) => {
-        at = pulled = null;
-        if (this.state) this.place(pinchedSlice(this.#view(this.state), this.shown, fingers));
-      },
-      wheel: (pixels, notches, place, event) => {
-        // A pinch on a touchpad comes as a wheel with the control key.
-        if (event.ctrlKey && this.state) {
-          this.place(zoomedSlice(this.#view(this.state), this.shown, wheelZoom(pixels * 2), place));
-        } else if (!event.ctrlKey && notches !== 0) {
-          // Away from the user is towards the top, the back and the left of the head, as the numbers grow on a slider.
-          this.#step(-notches);
-        }
-      },
-      pick: () => {
-        if (!this.store.tool) this.store.enlarge(this.name, true);
-      },
-      busy: (busy) => {
-        if (!busy && pulled) set(pulled);
-        pulled = null;
-        if (busy) return;
-        if (at) cross(at, true);
-        // A second finger, or the system, ends what a hand has begun.
-        else if (marked) this.#move(marked, true);
-        at = marked = null;
-      },
-    });
+      this.store.moves,
+    );
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       const tool = this.store.tool;

@@ -3,7 +3,6 @@
 
 import { mirrored } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
@@ -14,7 +13,6 @@ import { troubleWords } from "../base/problem-words.ts";
 
 const FULL_PIXELS = 1024;
 const MOVING_PIXELS = 320;
-/** The larger side of a picture that is saved. */
 const MOST_PIXELS = 4096;
 
 interface ServedListener {
@@ -80,7 +78,7 @@ export class StandIn {
     const { envelope_sphere: sphere } = this.#case;
     if (isMirrored(state)) {
       const surface = mirroredSurface(state.surface);
-      return [state, { ...state, ...mirrored(state, mirrorPlane(this.#case), sphere), surface }];
+      return [state, { ...state, ...mirrored(state, this.#case.midsagittal, sphere), surface }];
     }
     return state.beside ? [leftOf(state), state] : [state];
   }

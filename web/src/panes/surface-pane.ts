@@ -1,13 +1,14 @@
 // The pane of the surface: the picture, what stands on it, and the hands on it.
 
+import { dragTheWindow, turnTheWheel } from "./slice-parts.ts";
 import { effect } from "@preact/signals";
 
 import { type View, edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
 import type { MirrorPlane, ReadyCase } from "../model/case.ts";
-import { dragWindow, pan, pinch, turn, wheelZoom, zoomAt } from "../model/controls.ts";
+import { pan, pinch, turn, zoomAt } from "../model/controls.ts";
 import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
-import { type SideSeen, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
-import type { Picked, Probed } from "../model/points.ts";
+import { type SideSeen, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
+import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
 import { type SurfaceName, isHalf, isPart, mirroredSurface } from "../model/surfaces.ts";
@@ -17,14 +18,13 @@ import { t } from "../base/i18n.ts";
 import { depthWords } from "../base/readout.ts";
 import { leavePart } from "../store/bring.ts";
 import { perform, pick } from "../store/commands.ts";
-import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
-import { createSurface } from "./cortex.ts";
+import { Cortex } from "./cortex.ts";
 import { Cube } from "./cube.ts";
 import { type Gestures, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES, lookWords } from "./overlay.ts";
-import type { Surface, SurfaceOptions, SurfaceStatus } from "../store/surface.ts";
+import type { SurfaceOptions, SurfaceStatus } from "../store/surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
@@ -50,7 +50,7 @@ export class SurfacePane {
   /** What the picture waits for. */
   readonly #awaited = h("p", { class: "awaited", role: "status", hidden: true });
   /** Who draws it, and knows its points. */
-  readonly surface: Surface;
+  readonly surface: Cortex;
   /** The state of the picture that is up; null: none is. */
   #drawn: ViewState | null = null;
   #marked: readonly Marked[] = [];
@@ -94,11 +94,11 @@ export class SurfacePane {
       noPart: (problem) => leavePart(store, problem),
       serverOnly,
     };
-    this.surface = createSurface(this.host, shown, options);
+    this.surface = new Cortex(this.host, shown, options);
     store.paneSize = () => this.#whole;
     store.meet(this.surface);
     effect(() => void this.element.classList.toggle("large", store.large.value === "surface"));
-    listen(this.element, this.#gestures());
+    listen(this.element, this.#gestures(), store.moves);
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));
   }
@@ -122,11 +122,6 @@ export class SurfacePane {
     return this.#drawn && this.surface.pick(this.#drawn, ...place);
   }
 
-  probe(position: Vec3): Probed | null {
-    return this.surface.probe(position);
-  }
-
-  /** Describes the surface for screen readers. */
   describe(words: string): void {
     setText(this.#keys, `${words} ${t("surface.keys")}`);
   }
@@ -136,11 +131,6 @@ export class SurfacePane {
     const none = { layer: null, overlay: null, beside: null } as const;
     const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#store.view.now, ...none };
     return { surface, layer, overlay, window, beside };
-  }
-
-  /** Whether it is known where the surface is. */
-  get knowsSurface(): boolean {
-    return this.surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
   }
 
   async picture(ratio: number): Promise<CanvasImageSource> {
@@ -201,7 +191,7 @@ export class SurfacePane {
   /** Which hemisphere each half shows, and which of them is flipped. */
   #tellSides(state: ViewState): void {
     const sphere = this.#shown.envelope_sphere;
-    const plane = mirrorPlane(this.#shown);
+    const plane = this.#shown.midsagittal;
     const side = sideShown(state, plane);
     this.#overlay.title(titleOf(state, state.orientation), t(`mirror.${side}`));
     const edges = edgesOf(mirrored(state, plane, sphere).orientation);
@@ -222,7 +212,6 @@ export class SurfacePane {
     if (this.surface) this.#store.meet(this.surface);
   }
 
-  /** Shows marks on the surface. */
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
     if (this.#drawn) this.#marks(this.#drawn);
@@ -235,7 +224,7 @@ export class SurfacePane {
     const laid = [state, this.#marked, ...size, devicePixelRatio];
     if (laid.every((one, at) => one === this.#laid[at])) return;
     this.#laid = laid;
-    const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
+    const mirror = isMirrored(state) ? mirrored(state, this.#shown.midsagittal, sphere) : state;
     const [own, others] = [state.surface, isMirrored(state) ? mirroredSurface(state.surface) : state.surface];
     const marksOf = (surface: SurfaceName, view: View): readonly Mark[] =>
       surfaceMarks(this.#marksOn(surface), state.depth_mm, project(view, sphere, size));
@@ -252,7 +241,7 @@ export class SurfacePane {
   /** What is marked on a surface: what lies in the other half is not seen on one half, from whichever side. */
   #marksOn(surface: SurfaceName): readonly Marked[] {
     if (!isHalf(surface)) return this.#marked;
-    const plane = mirrorPlane(this.#shown);
+    const plane = this.#shown.midsagittal;
     const isOther = (point: Vec3): boolean => sideOf(point, plane) === mirroredSurface(surface);
     return this.#marked.filter(({ points_in_patient }) => !points_in_patient.every(isOther));
   }
@@ -270,9 +259,9 @@ export class SurfacePane {
       return this.#otherOverlay.cursor(this.#ghost, size, { kind: "ghost" });
     }
     const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
-    const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.#shown)))];
+    const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, this.#shown.midsagittal))];
     // Of the two halves the one that has the point in front: the other one has its mirror image.
-    const plane = mirrorPlane(this.#shown);
+    const plane = this.#shown.midsagittal;
     const seen = sideSeen(towardsViewer(state.orientation), plane);
     const isOtherHalf = sideOf(position, plane) === mirroredSurface(state.surface);
     const isFarther = seen !== "middle" && reflection[2] > own[2];
@@ -293,13 +282,13 @@ export class SurfacePane {
   #isHidden(position: Vec3, state: ViewState, place: Vec2, isOther: boolean): boolean {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
-    const view = isOther ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
+    const view = isOther ? mirrored(state, this.#shown.midsagittal, sphere) : state;
     const { pixelOf } = project(view, sphere, size);
     const height_mm = pixelOf(position)[2];
     const seen = this.surface.pick(state, ...place);
     if (seen) return Math.abs(pixelOf(seen.position_in_patient)[2] - height_mm) > HIDDEN_MM;
     // Until the surface is known, the far half of the head is behind it.
-    return !this.knowsSurface && height_mm < 0;
+    return this.surface.probe(position) === null && height_mm < 0;
   }
 
   // -- Hands
@@ -337,16 +326,13 @@ export class SurfacePane {
       drag: (kind, move) => {
         if (kind === "turn") view.change(turn(view.now, move, this.size()));
         else if (kind === "pan") view.change(pan(view.now, this.#shown, move, this.size()));
-        else view.change(dragWindow(view.now, this.#shown, move, preferences.peek().drag));
+        else dragTheWindow(store, move);
       },
       pinch: (fingers) => view.change(pinch(view.now, this.#shown, fingers, this.size())),
-      wheel: (pixels, notches, place, event) => {
-        // A pinch on a touchpad comes as a wheel with the control key.
-        const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
-        const zoom = wheelZoom(event.ctrlKey ? pixels * 5 : pixels);
-        if (!isDepth) view.change(zoomAt(view.now, this.#shown, zoom, this.#inHalf(place), this.size()));
-        else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
-      },
+      wheel: (pixels, notches, place, event) =>
+        turnTheWheel(store, [pixels, notches, event], (factor) =>
+          view.change(zoomAt(view.now, this.#shown, factor, this.#inHalf(place), this.size())),
+        ),
       tap: (place) => {
         const position = store.tool && this.pick(place)?.position_in_patient;
         if (position) store.tool?.add(position, "surface");

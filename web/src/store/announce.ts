@@ -6,7 +6,6 @@ export const announced = signal("");
 /** What stands on the pictures for a moment, and how many were there before. */
 export const noted = signal({ words: "", count: 0 });
 
-/** Reads words out. */
 export function announce(words: string): void {
   // The same words twice are two messages.
   announced.value = announced.peek() === words ? `${words}\u00a0` : words;

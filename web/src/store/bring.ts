@@ -5,7 +5,7 @@ import { DEEP_MM, broughtInside, broughtTo, innerSideOf } from "../model/command
 import type { Change } from "../model/controls.ts";
 import { findingOfPlace, middleOf } from "../model/findings.ts";
 import { type ListingMap, firstOverlay } from "../model/maps.ts";
-import { distance_mm, mirrorPlane } from "../model/midsagittal.ts";
+import { distance_mm } from "../model/midsagittal.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Layout, hasSlices } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
@@ -126,7 +126,7 @@ function bringInside(
     return announce(t("point.deep"));
   }
   store.awaited = own_mm === undefined ? { position, depth_mm } : null;
-  const from_plane_mm = Math.abs(distance_mm(position, mirrorPlane(shown)));
+  const from_plane_mm = Math.abs(distance_mm(position, shown.midsagittal));
   const place = { position, half, depth_mm: own_mm ?? from_plane_mm };
   view.change(broughtInside(place, { zoom: view.now.zoom, layout }, shown), isStep);
   if (isStep) announce(t(half === "left" ? "point.inner-left" : "point.inner-right"));

@@ -39,7 +39,6 @@ export class CaseLayers {
     return this.list.value?.layers.find((one) => one.id === id && isReady(one)) ?? null;
   }
 
-  /** The names of all layers. */
   get names(): readonly string[] {
     return this.list.value?.layers.map(({ name }) => name) ?? [];
   }

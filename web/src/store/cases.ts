@@ -8,7 +8,6 @@ import { spoken, t } from "../base/i18n.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { Progress } from "../base/progress.ts";
 import type { Case } from "../model/case.ts";
-import { qualityOf } from "../model/quality.ts";
 import { announce } from "./announce.ts";
 
 const IDLE_MS = 4000;
@@ -29,7 +28,6 @@ export function matches(one: Case, search: string): boolean {
     .every((word) => text.includes(word) || one.id.startsWith(word));
 }
 
-/** How the list is sorted. */
 export const ORDERS = ["newest", "oldest", "label", "state"] as const;
 export type Order = (typeof ORDERS)[number];
 
@@ -37,7 +35,7 @@ export type Order = (typeof ORDERS)[number];
 function rankOf(one: Case): number {
   if (one.state === "failed") return 0;
   if (one.state !== "ready") return 1;
-  return ["failed", "review"].indexOf(qualityOf(one)?.state ?? "") === -1 ? 3 : 2;
+  return (one.quality?.state ?? "ok") === "ok" ? 3 : 2;
 }
 
 /** The cases in an order; they come newest first. */
@@ -61,7 +59,6 @@ const isBusy = (one: Case): boolean => one.state === "queued" || one.state === "
 export class Cases {
   readonly search = signal("");
   readonly order = signal<Order>("newest");
-  /** The case that is shown. */
   readonly open = signal<string | null>(null);
   /** Those to be pointed out until they are opened, the latest at the end, and why. */
   readonly flags = signal<ReadonlyMap<string, string>>(new Map());
@@ -170,7 +167,6 @@ export class Cases {
     if (!this.all.peek().some((one) => one.id === id && one.state === "ready")) this.#awaited.add(id);
   }
 
-  /** A case is shown from now on. */
   show(id: string | null): void {
     this.open.value = id;
     if (id && this.flags.peek().has(id)) this.flags.value = new Map(this.#flagsBut(id));
@@ -180,7 +176,6 @@ export class Cases {
     return [...this.flags.peek()].filter(([one]) => one !== id);
   }
 
-  /** A case has changed. */
   #hear(one: Case): void {
     // What the list does not hold yet comes with all that is new.
     if (!isBusy(one) || !this.all.peek().some(({ id }) => id === one.id)) return void this.refresh();

@@ -12,9 +12,9 @@ import { announce, note } from "./announce.ts";
 import { goToRow, showEvidence } from "./bring.ts";
 import { mayWrite } from "./holder.ts";
 import { recallLayout } from "./saved-layouts.ts";
+import { walk } from "./steps.ts";
 import type { Store } from "./store.ts";
 
-/** What a command does. */
 type Work<Kind extends Command["kind"]> = (store: Store, command: Command & { readonly kind: Kind }) => unknown;
 
 const ofLayers = ({ layers }: Store, command: LayerCommand): void => layers.command(command);
@@ -53,6 +53,7 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
     if (typeof row === "string") note(row);
     else goToRow(store, row);
   },
+  step: (store, { steps }) => walk(store, steps),
   judge: (store, { judgement }) => {
     if (!mayWrite.peek()) return note(t("findings.read-only"));
     store.task.value = "read";
@@ -70,8 +71,13 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   leave: (store) => {
     const { layout, across_deg } = store.view.now;
     if (store.large.peek() !== null) store.large.value = null;
+    else if (store.isAlone.peek()) store.isAlone.value = false;
     else if (layout === "closer") leaveCloser(store);
     else if (across_deg !== null) showAcross(store, null);
+  },
+  alone: ({ isAlone }) => {
+    isAlone.value = !isAlone.peek();
+    if (isAlone.peek()) note(t("alone.said"));
   },
   patient: () => document.body.classList.toggle("no-patient"),
   layouts: () => announce(t("layouts.await")),

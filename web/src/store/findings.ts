@@ -30,11 +30,9 @@ import { FindingsSync } from "./findings-sync.ts";
 import { preferences } from "./preferences.ts";
 import type { View } from "./view.ts";
 
-/** A change of the list. */
 interface Step {
   readonly before: readonly Finding[];
   readonly after: readonly Finding[];
-  /** When it was taken. */
   readonly at_ms: number;
 }
 
@@ -115,8 +113,8 @@ export class Findings {
     }, LOOK_MS);
   }
 
-  /** Reads what is stored. */
-  async load(): Promise<void> {
+  /** Whether what is stored could be read. */
+  async load(): Promise<boolean> {
     try {
       await this.sync.load();
       if (this.#isUnread) this.status.value = "";
@@ -125,6 +123,7 @@ export class Findings {
       this.#isUnread = true;
       this.status.value = problemWords(problem);
     }
+    return !this.#isUnread;
   }
 
   dispose(): void {
@@ -167,7 +166,6 @@ export class Findings {
 
   // -- What a reader does
 
-  /** Marks the cross as a finding. */
   add(): void {
     const { crosshair_mm, overlay } = this.#view.now;
     if (!crosshair_mm) return note(t("findings.no-point"));
@@ -200,26 +198,16 @@ export class Findings {
   }
 
   change(id: string, change: Partial<Finding>): void {
-    this.#step(this.#list.map((one) => (one.id === id ? { ...one, ...change } : one)));
+    this.#edit(id, (one) => ({ ...one, ...change }));
   }
 
   rate(id: string, certainty: Finding["certainty"]): void {
-    this.#step(
-      this.#list.map((one) => {
-        const { certainty: _before, ...others } = one;
-        return one.id === id ? { ...others, ...(certainty && { certainty }) } : one;
-      }),
-    );
+    this.#edit(id, ({ certainty: _before, ...others }) => ({ ...others, ...(certainty && { certainty }) }));
   }
 
   /** The reader has looked at the place of a finding that was taken over. */
   confirm(id: string): void {
-    this.#step(
-      this.#list.map((one) => {
-        const { is_unconfirmed: _before, ...confirmed } = one;
-        return one.id === id ? confirmed : one;
-      }),
-    );
+    this.#edit(id, ({ is_unconfirmed: _before, ...confirmed }) => confirmed);
     announce(t("findings.confirmed"));
   }
 
@@ -303,6 +291,10 @@ export class Findings {
     this.#undone.value = [];
     // Whoever takes one of the doubled findings out has seen them.
     if (numbered(after).length < numbered(before).length) this.doubled.value = "";
+  }
+
+  #edit(id: string, edited: (finding: Finding) => Finding): void {
+    this.#step(this.#list.map((one) => (one.id === id ? edited(one) : one)));
   }
 
   #step(list: readonly Finding[]): void {

@@ -17,7 +17,7 @@ import {
   columnOf,
   valuesOf,
 } from "../model/measure.ts";
-import { type Vec3, length, subtract } from "../model/space.ts";
+import { type Vec3, distance } from "../model/space.ts";
 import { announce } from "./announce.ts";
 import type { Findings } from "./findings.ts";
 import type { View } from "./view.ts";
@@ -50,7 +50,6 @@ export class Measures {
   readonly list: Signal<readonly Measured[]>;
   /** As they are drawn: what is measured, and what is being drawn up to the pointer. */
   readonly marked: ReadonlySignal<readonly Marked[]>;
-  /** How many points are set. */
   readonly count = computed(() => this.#points.value.length);
   /** What to do next. */
   readonly hint = computed(() => this.#hint());
@@ -115,7 +114,7 @@ export class Measures {
     const tool = this.tool.peek();
     if (!tool || !position.every(Number.isFinite)) return;
     const last = this.#points.peek().at(-1);
-    if (last && length(subtract(position, last.position)) < SAME_MM) {
+    if (last && distance(position, last.position) < SAME_MM) {
       if (this.#isEnough(tool)) this.end();
       return;
     }
@@ -174,7 +173,6 @@ export class Measures {
     return kept_as !== undefined && this.#findings.list.value.some(({ id }) => id === kept_as);
   }
 
-  /** Makes a finding of a measure. */
   keep(measured: Measured): void {
     const { measure } = measured;
     const note = [wordsOf(measured), columnWords(measured)].filter(Boolean).join("\n");
@@ -276,7 +274,6 @@ function shortWords({ tool }: Measure, values: Values): string {
   return `${number(along_mm ?? straight_mm, 1)} mm`;
 }
 
-/** A measure in words. */
 export function wordsOf({ measure, values }: Measured): string {
   const name = t(`measure.${measure.tool}`);
   if (values.isCrossed) return t("measure.crossed", { name });

@@ -1,5 +1,6 @@
 // The places to look at that the maps list: asked for, gone through, and which of them a reader has seen.
 
+import { parsed } from "../model/text.ts";
 import { type ReadonlySignal, type Signal, computed, effect, signal, untracked } from "@preact/signals";
 
 import { reasonIn } from "../base/case-words.ts";
@@ -11,7 +12,6 @@ import type { ViewState } from "../model/state.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { View } from "./view.ts";
 
-/** The words of each list. */
 export const LIST_WORDS = {
   blur: { ask: "candidates.ask", nothing: "candidates.nothing", warning: "candidates.warning" },
   thickness: { ask: "thick.ask", nothing: "thick.nothing", warning: "thick.warning" },
@@ -25,17 +25,12 @@ const seenKey = (id: string): string => `isocortex-seen-${id}`;
 
 /** The places that were looked at in this window, also before it was loaded again. */
 function readSeen(id: string): ReadonlySet<string> {
-  try {
-    const stored: unknown = JSON.parse(keptText("sessionStorage", seenKey(id)) ?? "[]");
-    return new Set(Array.isArray(stored) ? stored.filter((one) => typeof one === "string") : []);
-  } catch {
-    return new Set();
-  }
+  const stored = parsed(keptText("sessionStorage", seenKey(id)));
+  return new Set(Array.isArray(stored) ? stored.filter((one) => typeof one === "string") : []);
 }
 
 export const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
 
-/** The places of a map. */
 export class PlacesOfMap {
   readonly map: ListingMap;
   readonly list = signal<CandidateList | null>(null);
@@ -101,7 +96,6 @@ export class Places {
     for (const end of this.#ends) end();
   }
 
-  /** Whether a place was looked at. */
   isSeen({ position_in_patient }: Candidate): boolean {
     return this.#seen.value.has(nameOf(position_in_patient));
   }
@@ -113,7 +107,6 @@ export class Places {
     return (list.peek() ?? (await this.#layers.candidates(map))).candidates.filter(standsOut);
   }
 
-  /** Asks the server for the places of a map. */
   async ask(list: PlacesOfMap): Promise<void> {
     ASKED.add(`${this.#id} ${list.map}`);
     list.isAsked = true;

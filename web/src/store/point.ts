@@ -16,7 +16,6 @@ import type { View } from "./view.ts";
 /** As far as rounding can move a point. */
 const BORDER_MM = 0.05;
 
-/** The point in words. */
 export interface PointWords {
   readonly position: string;
   readonly depth: string;

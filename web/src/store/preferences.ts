@@ -5,10 +5,10 @@ import { signal } from "@preact/signals";
 import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
 import { keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
-import { plainLine } from "../model/text.ts";
+import { type Protocol, isProtocol } from "../model/steps.ts";
+import { parsed, plainLine } from "../model/text.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
-/** The tabs of the panel. */
 export const TASKS = ["read", "images", "case"] as const;
 export type Task = (typeof TASKS)[number];
 
@@ -30,12 +30,12 @@ export interface Preferences {
   readonly linked_zoom: boolean;
   /** Whether the list of cases is shown beside a picture. */
   readonly list: boolean;
-  /** Whether the panel beside the picture is shown. */
   readonly panel: boolean;
   /** Whose sections the panel shows. */
   readonly task: Task;
-  /** The names of the sections that are unfolded. */
   readonly unfolded: readonly string[];
+  /** The steps of a reading. */
+  readonly protocol: Protocol;
   /** Who reads: the author of new findings; empty: nobody has said. */
   readonly reader: string;
 }
@@ -47,13 +47,8 @@ const renamed = (one: string): string => (/^panel\.(maps|findings)$/.test(one) ?
 
 /** The stored text as preferences; whatever is not understood is as at first. */
 export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
-  let stored: Partial<Record<keyof Preferences, unknown>> = {};
-  try {
-    const parsed: unknown = JSON.parse(text ?? "{}");
-    if (typeof parsed === "object" && parsed !== null) stored = parsed;
-  } catch {
-    // Another program's text, or a damaged one.
-  }
+  // Another program's text, or a damaged one, says nothing.
+  const stored = (parsed(text) ?? {}) as Partial<Record<keyof Preferences, unknown>>;
   return {
     language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
     theme: THEMES.find((one) => one === stored.theme) ?? "dark",
@@ -68,6 +63,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     unfolded: Array.isArray(stored.unfolded)
       ? stored.unfolded.filter((one) => typeof one === "string").map(renamed)
       : UNFOLDED,
+    protocol: isProtocol(stored.protocol) ? stored.protocol : "complete",
     reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
   };
 }

@@ -1,11 +1,11 @@
 // The one list of a reading: places of the maps that were asked for, findings, and places that have become findings.
 
+import { clamp } from "../model/space.ts";
 import { type ReadonlySignal, computed, effect, signal } from "@preact/signals";
 
 import { t } from "../base/i18n.ts";
 import { type Finding, findingOfPlace } from "../model/findings.ts";
 import { type Candidate, standsOut } from "../model/maps.ts";
-import { clamp } from "../model/state.ts";
 import type { Findings } from "./findings.ts";
 import { type Places, type PlacesOfMap, nameOf } from "./places.ts";
 

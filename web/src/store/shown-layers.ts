@@ -131,7 +131,6 @@ export class ShownLayers {
     });
   }
 
-  /** Follows a command about layers. */
   command({ kind }: LayerCommand): void {
     const { now } = this.#view;
     const isCloser = now.layout === "closer";
@@ -164,7 +163,6 @@ export class ShownLayers {
     }
   }
 
-  /** Hides the layers for now. */
   hide(isHidden: boolean): void {
     this.isHidden.value = isHidden;
   }

@@ -41,11 +41,12 @@ export class Store {
   readonly status = signal<SurfaceStatus | null>(null);
   /** The state as the panes draw it. */
   readonly drawn = computed(() => this.places.outlined(this.layers.drawn.value));
-  /** What is marked in the panes. */
   readonly marked = computed(() => [...this.findings.marked.value, ...this.measures.marked.value]);
   readonly loading = signal<Loading>(null);
   /** Whether all that could be loaded is here. */
   readonly isLoaded = signal(false);
+  /** The step of the protocol that was gone to last; null: none yet. */
+  readonly step = signal<string | null>(null);
   /** What went wrong; empty: nothing. */
   readonly trouble = signal("");
   /** Something about the case to know, which can be dismissed. */
@@ -62,10 +63,14 @@ export class Store {
   readonly task = signal<Task>(preferences.peek().task);
   /** Whether a hand rests on a pane: pictures in between may be coarse. */
   readonly isMoving = signal(false);
-  /** Whether nothing has changed for a while. */
   readonly isResting = signal(false);
   /** Whether all that lies over the head is hidden, as long as a key is held. */
   readonly isBare = signal(false);
+  /** Whether the pictures are all there is of the page. */
+  readonly isAlone = signal(false);
+  /** Whether a drag moves what a picture shows, as long as nobody measures. */
+  readonly hasHand = signal(false);
+  readonly moves = computed(() => this.hasHand.value && this.measures.tool.value === null);
   /** Whether outlines are shown: in a close-up, where they would lie on what is judged, if they are asked for. */
   readonly outlined = signal({ slices: true, closer: false });
   readonly hasTimer = signal(false);
@@ -169,7 +174,6 @@ export class Store {
     this.trouble.value = troubleWords(problem);
   }
 
-  /** Says why nothing was marked. */
   miss(words: string): void {
     this.point.missed.value = words;
     note(words);
@@ -189,7 +193,6 @@ export class Store {
     });
   }
 
-  /** Takes the cross away. */
   forgetCross(): void {
     this.point.picked = null;
     this.change({ crosshair_mm: null }, true);

@@ -1,7 +1,6 @@
 // The pane that shows the cortex: what the page asks of whoever draws it. It holds its own canvas or picture, nothing
 // else of the page; what stands on the picture (letters, scale, cursor) the page puts there.
 
-import type { ReadyCase } from "../model/case.ts";
 import type { Centres } from "../model/flat-map.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Picked, Points, Probed } from "../model/points.ts";
@@ -23,7 +22,6 @@ export interface LoadProgress {
 /** Why the server draws though the page was asked to: the page says it in words. */
 export type Fallback = "no-webgl2" | "context-lost" | "too-large" | "failed";
 
-/** The state of a surface. */
 export interface SurfaceStatus {
   /** Who draws now; it differs from the state's way while that one is being fetched, or cannot be had. */
   readonly way: Exclude<Way, "auto">;
@@ -44,7 +42,6 @@ export interface SurfaceOptions {
   readonly onDrawn: (state: ViewState | null) => void;
   /** Called at first and with every change. */
   readonly onStatus: (status: SurfaceStatus) => void;
-  /** The voxels of a layer. */
   readonly layer: (name: string) => Promise<Block>;
   /** Hears that a surface of a part cannot be shown, and why. */
   readonly noPart: (problem: unknown) => void;
@@ -58,13 +55,6 @@ export interface SurfaceOptions {
  * left corner.
  */
 export interface Surface {
-  /** Fetches what the first picture needs, then the rest. Rejects with the signal's reason when it is aborted. */
-  load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void>;
-  /**
-   * Draws with the next frame; of several calls before it, the last. `moving` allows a coarser picture from the
-   * server.
-   */
-  draw(state: ViewState, moving: boolean): void;
   /** Null beside the surface, and where nothing here knows. */
   pick(state: ViewState, x: number, y: number): Picked | null;
   /** At the point of the surface nearest to the position; null where nothing here knows (yet). */
@@ -79,8 +69,6 @@ export interface Surface {
   pointsOf(surface: SurfaceName): Points | null;
   /** The greatest depth below the surface that is shown, if it is that of a part; else null. */
   readonly deepest_mm: number | null;
-  /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
-  served(state: ViewState): ViewState;
   /** Whether a position is within the head; true where nothing here knows (yet). */
   isInHead(position_in_patient: Vec3): boolean;
   /** Whether the page draws slices of a state now. */
@@ -93,14 +81,6 @@ export interface Surface {
   canMap(state: ViewState): boolean;
   /** The flat map in so many pixels, drawn by the page; null if the server has to draw it, perhaps only for now. */
   map(state: ViewState, size: Vec2): Promise<ImageData | null>;
-  /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
-  picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
-  /** Whether the frame timer stands on the picture. */
-  showTimer(shown: boolean): void;
   /** The voxels of a layer are others now. */
   forgetLayer(name: string): void;
-  dispose(): void;
 }
-
-/** Makes a surface in `host`, which it fills. */
-export type CreateSurface = (host: HTMLElement, shown: ReadyCase, options: SurfaceOptions) => Surface;

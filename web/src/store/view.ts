@@ -4,10 +4,10 @@ import { type ReadonlySignal, type Signal, batch, computed, signal } from "@prea
 
 import type { ReadyCase, Window } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
+import { writeAddress } from "../model/fragment.ts";
 import type { Left } from "../model/memory.ts";
 import type { StateHistory } from "../model/history.ts";
 import { type HalfLook, type ViewState, clampDepth } from "../model/state.ts";
-import { pushAddress, replaceAddress } from "./address.ts";
 
 export class View {
   readonly shown: ReadyCase;
@@ -34,7 +34,6 @@ export class View {
     return this.state.peek();
   }
 
-  /** How the case is left. */
   get left(): Left {
     return { state: this.now, history: this.#history };
   }
@@ -44,13 +43,14 @@ export class View {
     batch(() => {
       if (step) {
         this.#record(this.now);
-        pushAddress(this.now, this.shown);
+        this.#replaceAddress();
+        history.pushState(null, "", location.hash);
       }
       this.#changed_ms = performance.now();
       this.state.value = this.#paired({ ...this.now, ...change });
       if (!step) return;
       this.#record(this.now);
-      replaceAddress(this.now, this.shown);
+      this.#replaceAddress();
     });
   }
 
@@ -65,7 +65,7 @@ export class View {
 
   /** Nothing changes any more: the address says what is shown, and what was shown before can be undone. */
   rest(): void {
-    replaceAddress(this.now, this.shown);
+    this.#replaceAddress();
     this.#record(this.now);
   }
 
@@ -79,7 +79,7 @@ export class View {
     const state = this.#history[which](this.now);
     if (state) this.take(state);
     this.#tellWays();
-    replaceAddress(this.now, this.shown);
+    this.#replaceAddress();
     return state !== null;
   }
 
@@ -100,6 +100,10 @@ export class View {
   #record(state: ViewState): void {
     this.#history.record(state, this.#changed_ms);
     this.#tellWays();
+  }
+
+  #replaceAddress(): void {
+    history.replaceState(null, "", writeAddress(this.now, this.shown));
   }
 
   #tellWays(): void {

@@ -1,0 +1,69 @@
+// The steps of a reading: the views of a protocol, gone through one after the other.
+
+import { number, t } from "../base/i18n.ts";
+import { isReady } from "../model/layers.ts";
+import { recalled } from "../model/saved-layouts.ts";
+import { PROTOCOLS, type Step } from "../model/steps.ts";
+import { isHalf } from "../model/surfaces.ts";
+import { note } from "./announce.ts";
+import { goToRow } from "./bring.ts";
+import { preferences, unfold } from "./preferences.ts";
+import type { Store } from "./store.ts";
+
+/** The steps of the protocol that is chosen. */
+export const stepsNow = (): readonly Step[] => PROTOCOLS[preferences.value.protocol];
+
+export function stepWords({ shows, layout, surface = "whole", view, depth_mm = 0 }: Step): string {
+  if (shows) return t(`step.${shows}`);
+  const seen = isHalf(surface) ? `${t(`surface.${surface}`)} · ${t("surface.inner")}` : t(`view.${view ?? "oblique"}`);
+  return `${layout === "map" || layout === "mirror" ? t(`layout.${layout}`) : seen} · ${number(depth_mm)} mm`;
+}
+
+/** The newest FLAIR that is ready. */
+const flairOf = ({ caseLayers }: Store): string | null =>
+  caseLayers.list.value?.layers.findLast((one) => one.contrast === "flair" && isReady(one))?.id ?? null;
+
+/** Whether the case has what a step shows. */
+export function canShow(store: Store, { shows, surface = "whole" }: Step): boolean {
+  const { state } = store.caseLayers.list.value?.layers[0] ?? {};
+  if (shows === "flair") return flairOf(store) !== null;
+  if (shows === "places") return state !== "undefined" && state !== "off";
+  return surface === "whole" || store.refusal.value === "";
+}
+
+/** Goes to the next step, or to the one before. What the case cannot show is passed over, and said. */
+export function walk(store: Store, by: number): void {
+  const steps = stepsNow();
+  const at = steps.findIndex(({ name }) => name === store.step.peek());
+  const skipped: string[] = [];
+  let to = at < 0 ? 0 : at + by;
+  for (let step = steps[to]; step && !canShow(store, step); step = steps[(to += by)]) skipped.push(stepWords(step));
+  const step = steps[to];
+  const words = skipped.length > 0 ? t("step.skipped", { names: skipped.join(", ") }) : "";
+  if (step) void takeStep(store, step, words);
+  else note(`${words} ${t(by > 0 ? "step.last" : "step.first")}`.trim());
+}
+
+export async function takeStep(store: Store, step: Step, skipped = ""): Promise<void> {
+  const { view, shown, layers, rows } = store;
+  const { name, shows } = step;
+  const steps = stepsNow();
+  store.step.value = name;
+  store.large.value = null;
+  // The mark stays, and turns no step.
+  const change = recalled(step, { ...view.now, crosshair_mm: null }, shown);
+  const texture = layers.asGrey(shows === "flair" ? flairOf(store) : null);
+  store.change({ beside: null, swipe: null, zoom: 1, pan_mm: [0, 0], ...texture, ...change }, true);
+  store.looks.value += 1;
+  const place = { number: number(steps.indexOf(step) + 1), count: number(steps.length), name: stepWords(step) };
+  note(`${skipped} ${t("step.said", place)}`.trim());
+  if (shows !== "places" && shows !== "findings") return;
+  store.task.value = "read";
+  unfold("panel.list", true);
+  if (shows === "findings") return;
+  const row = await rows.next(0);
+  // The places may come after the next step.
+  if (store.isOver || store.step.peek() !== name) return;
+  if (typeof row === "string") note(row);
+  else goToRow(store, row);
+}
