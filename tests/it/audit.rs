@@ -9,7 +9,7 @@ use axum::http::{Method, Request};
 use cases::remove_expired;
 use isocortex::config::Config;
 use serde_json::Value;
-use storage::Removal;
+use storage::upkeep::Removal;
 
 use crate::dicom::head_slices;
 use crate::head::plain_head;

@@ -84,7 +84,7 @@ pub enum Following {
     Same,
     /// It is another one, and counts from now on.
     Another,
-    /// It states no place, and the known one does, or it has lost something and comes under another series.
+    /// It states no place, and the known one does, or it has lost something of a file that is not kept in its series.
     Unusable,
 }
 

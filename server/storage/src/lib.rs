@@ -59,10 +59,12 @@ pub use self::objects::{
 };
 pub use self::page::{CaseQuery, Cursor, Page, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
-pub use self::rows::{CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published};
+pub use self::rows::{
+    CaseChange, LayerChange, LayerName, Made, Owner, Pinned, Published, Submitted,
+};
 pub use self::signals::{Count, Counters, Signals};
 pub use self::spools::Spools;
-pub use self::submit::{NewMask, Submitted, Upload, Version};
+pub use self::submit::{NewMask, Upload, Version};
 pub use self::watch::Watch;
 
 /// The number of objects that a sweep marks and removes at a time.

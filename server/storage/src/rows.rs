@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use case::images::Image;
 use case::series::Uid;
-use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters};
+use case::{Case, CaseId, Contrast, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
 
@@ -36,6 +36,14 @@ pub(crate) struct NewCase {
     pub queue_limit: usize,
     /// Whose it is: see [`Store::for_client`](crate::Store::for_client).
     pub client: String,
+}
+
+/// The result of an upload.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Submitted {
+    pub case: Case,
+    /// Whether its preparation was queued, because the case is new or had failed.
+    pub created: bool,
 }
 
 /// Which label a case that is there already gets when it is uploaded again.

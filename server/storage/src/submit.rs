@@ -1,11 +1,11 @@
 //! Makes a queued case from an upload.
 
 use super::pinned::Writing;
-use super::rows::{Made, NewCase, Pinned, Referred, Relabel};
+use super::rows::{Made, NewCase, Pinned, Referred, Relabel, Submitted};
 use super::tables::made;
 use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::images::Image;
-use case::{Case, CaseId, JobKind, ObjectKind, Parameters};
+use case::{CaseId, JobKind, ObjectKind, Parameters};
 
 /// The files of an upload.
 #[derive(Debug)]
@@ -17,14 +17,6 @@ pub struct Upload {
     pub dicom: Option<Spooled>,
     /// The images that the volume is made of, if it comes from DICOM.
     pub images: Vec<Image>,
-}
-
-/// The result of an upload.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Submitted {
-    pub case: Case,
-    /// Whether its preparation was queued, because the case is new or had failed.
-    pub created: bool,
 }
 
 /// A version of a case: its volume, with another mask or other parameters.

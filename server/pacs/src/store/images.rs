@@ -285,6 +285,21 @@ pub(super) async fn last_sent(
         .and_then(|last| last.fingerprint))
 }
 
+/// Whether the file of an image with the UID of another one is kept in its series.
+async fn is_here(connection: &mut Connection, new: &NewInstance) -> Result<bool, StoreError> {
+    let row = connection
+        .fetch_one(
+            "SELECT EXISTS (SELECT 1 FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+                            WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3) AS here",
+            args![
+                new.sop_instance_uid.as_str(), new.uids.study.as_str(),
+                new.uids.series.as_str()
+            ],
+        )
+        .await?;
+    row.get("here")
+}
+
 /// What an image is, beside the last one with its UID.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Arrived {
@@ -304,13 +319,15 @@ pub(super) async fn arrive(
 ) -> Result<(Arrived, bool), StoreError> {
     let uid = &new.sop_instance_uid;
     let last = last(connection, uid).await?;
+    let print = last.as_ref().and_then(|last| last.fingerprint.as_ref());
+    let is_lossy =
+        (print.zip(new.fingerprint.as_ref())).is_some_and(|(print, new)| new.has_lost(print));
+    // It replaces nothing, and what is made of it would be closed at once.
+    let is_unusable = is_lossy && !is_here(connection, new).await?;
     let arrived = match &last {
         None => Arrived::First,
         Some(last) => Arrived::Following(match (&last.fingerprint, &new.fingerprint) {
-            // It replaces nothing, and what is made of it would be closed at once.
-            (Some(print), Some(lossy)) if lossy.has_lost(print) && last.uids != new.uids => {
-                Following::Unusable
-            }
+            (Some(_), Some(_)) if is_unusable => Following::Unusable,
             (Some(last), Some(new)) => last.followed_by(new),
             (Some(_), None) => Following::Unusable,
             (None, None) if last.uids == new.uids => Following::Same,

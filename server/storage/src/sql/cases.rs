@@ -7,8 +7,8 @@ use super::made::{self, read_closed};
 use super::{findings, jobs, layers, owners};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{CaseChange, Made, NewCase, Pinned, Published, Referred, Relabel};
-use crate::{CaseQuery, Cursor, Page, Store, StoreError, Submitted};
+use crate::rows::{CaseChange, Made, NewCase, Pinned, Published, Referred, Relabel, Submitted};
+use crate::{CaseQuery, Cursor, Page, Store, StoreError};
 use case::images::{Closed, Image};
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
@@ -89,7 +89,7 @@ impl Store {
         images: Option<&[Image]>,
     ) -> Result<Option<Case>, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let state = came_again(&mut transaction, id, name, relabel, now).await?;
+        let state = owners::came_again(&mut transaction, id, name, relabel, now).await?;
         if state.is_none_or(|state| state == CaseState::Failed) {
             return Ok(None);
         }
@@ -289,7 +289,7 @@ pub(crate) async fn submit(
     now: i64,
 ) -> Result<Referred<Submitted>, StoreError> {
     let (id, name) = (&new.id, new.parameters.name.as_deref());
-    let state = came_again(connection, id, name, new.relabel, now).await?;
+    let state = owners::came_again(connection, id, name, new.relabel, now).await?;
     if state.is_some_and(|state| state != CaseState::Failed) {
         make(connection, new).await?;
         return Ok(Referred::Unneeded(submitted(connection, id, false).await?));
@@ -328,26 +328,6 @@ async fn submitted(
 ) -> Result<Submitted, StoreError> {
     let case = one(connection, id).await?.ok_or(StoreError::NoSuchCase)?;
     Ok(Submitted { case, created })
-}
-
-/// The state of a case to which something comes again, if there is one: its age counts from now, and it may get this label.
-pub(super) async fn came_again(
-    connection: &mut Connection,
-    id: &CaseId,
-    name: Option<&str>,
-    relabel: Relabel,
-    now: i64,
-) -> Result<Option<CaseState>, StoreError> {
-    let first = name.filter(|_| relabel == Relabel::Any);
-    let last = name.filter(|_| relabel == Relabel::Unlabelled);
-    let row = connection
-        .fetch_optional(
-            "UPDATE cases SET uploaded_at = $1, name = coalesce($2, name, $3) WHERE id = $4
-             RETURNING state, NULL AS job_state",
-            args![now, first, last, id.to_string()],
-        )
-        .await?;
-    Ok(row.as_ref().and_then(jobs::read_state))
 }
 
 /// Writes of which images a case is made.

@@ -6,13 +6,60 @@ use case::CaseId;
 
 use super::connection::{Connection, Row, microseconds, unreadable};
 use super::series::read_case;
-use super::upkeep;
 use crate::args;
-use crate::upkeep::{Allowance, Removal, believed_jump};
 use crate::{Store, StoreError};
 
 /// Microseconds of a day.
 const DAY: i64 = 86_400_000_000;
+
+/// The longest jump of the time that is believed, if cases are kept for less than twice as long.
+const LEAST_JUMP: Duration = Duration::from_secs(7 * 86_400);
+
+/// How many cases may go in a day, however few came on any.
+const LEAST_A_DAY: u64 = 10;
+
+/// Who asks for the removal of what is too old.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Removal {
+    /// A server or a worker, by itself.
+    Automatic,
+    /// A person.
+    Asked,
+    /// A person who says that the clock is right, and that all of it may go.
+    Confirmed,
+}
+
+/// How many cases may go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Allowance {
+    /// So many on this day, by whatever process.
+    ADay(u64),
+    All,
+    /// None, because the clock has jumped.
+    None,
+}
+
+impl Allowance {
+    /// That of a day, if this is the most that came on one.
+    pub(crate) fn of_busiest_day(cases: i64) -> Self {
+        let cases = u64::try_from(cases).unwrap_or(0);
+        Self::ADay(cases.saturating_mul(2).max(LEAST_A_DAY))
+    }
+
+    /// Whether so many may go in a day.
+    pub(crate) fn covers(self, cases: i64) -> bool {
+        match self {
+            Self::All => true,
+            Self::ADay(most) => u64::try_from(cases).is_ok_and(|cases| cases <= most),
+            Self::None => false,
+        }
+    }
+}
+
+/// The longest jump of the time that is believed.
+pub(crate) fn believed_jump(keep: Duration) -> Duration {
+    LEAST_JUMP.max(keep / 2)
+}
 
 impl Store {
     /// How many cases may go, and notes the time as seen, unless it has jumped and nobody says that it is right.
@@ -144,7 +191,7 @@ async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreErro
         .await?;
     match row.get("seen_at")? {
         Some(seen) => Ok(Some(seen)),
-        None => upkeep::newest_row(connection).await,
+        None => newest_row(connection).await,
     }
 }
 
@@ -169,4 +216,18 @@ async fn count_removal(connection: &mut Connection, day: i64) -> Result<i64, Sto
         )
         .await?;
     row.get("removed")
+}
+
+/// When the latest case, layer or finding was written; `None` if there is none.
+pub(crate) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
+    let row = connection
+        .fetch_one(
+            "SELECT max(at) AS newest FROM
+               (SELECT max(COALESCE(uploaded_at, created_at)) AS at FROM cases
+                UNION ALL SELECT max(created_at) FROM layers
+                UNION ALL SELECT max(changed_at) FROM findings) AS times",
+            args![],
+        )
+        .await?;
+    row.get("newest")
 }

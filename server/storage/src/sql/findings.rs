@@ -1,7 +1,7 @@
 //! The findings of cases.
 
-use super::cases;
 use super::connection::{Connection, Row};
+use super::owners;
 use crate::args;
 use crate::findings::{FindingsVersion, NONE, Replaced, StoredFindings};
 use crate::rows::Relabel;
@@ -29,7 +29,7 @@ impl Store {
     ) -> Result<Replaced, StoreError> {
         let new = StoredFindings::new(document);
         let (mut transaction, now) = self.write().await?;
-        let state = cases::came_again(&mut transaction, id, None, Relabel::None, now).await?;
+        let state = owners::came_again(&mut transaction, id, None, Relabel::None, now).await?;
         if state.is_none() {
             return Ok(Replaced::NoSuchCase);
         }

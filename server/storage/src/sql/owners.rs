@@ -1,13 +1,13 @@
 //! What cases and layers have in common: a state, a job that prepares them, the digest of their facts, their age, and the objects that they need.
 
-use case::{CaseState, Failure, JobKind};
+use case::{CaseId, CaseState, Failure, JobKind};
 use serde::Serialize;
 
 use super::connection::{Connection, read_name};
 use super::{jobs, pins};
 use crate::args;
 use crate::jobs::NewJob;
-use crate::rows::{Owner, Pinned, Published, Referred};
+use crate::rows::{Owner, Pinned, Published, Referred, Relabel};
 use crate::{ObjectName, Store, StoreError};
 
 impl Store {
@@ -80,6 +80,26 @@ pub(super) fn copied(
 /// The digest of facts, as it is stored beside them.
 pub(super) fn digest(facts: &str) -> String {
     blake3::hash(facts.as_bytes()).to_string()
+}
+
+/// The state of a case to which something comes again, if there is one: its age counts from now, and it may get this label.
+pub(super) async fn came_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    name: Option<&str>,
+    relabel: Relabel,
+    now: i64,
+) -> Result<Option<CaseState>, StoreError> {
+    let first = name.filter(|_| relabel == Relabel::Any);
+    let last = name.filter(|_| relabel == Relabel::Unlabelled);
+    let row = connection
+        .fetch_optional(
+            "UPDATE cases SET uploaded_at = $1, name = coalesce($2, name, $3) WHERE id = $4
+             RETURNING state, NULL AS job_state",
+            args![now, first, last, id.to_string()],
+        )
+        .await?;
+    Ok(row.as_ref().and_then(jobs::read_state))
 }
 
 /// The state of a case or a layer as it is written; `None` if there is none.

@@ -1,6 +1,6 @@
 //! What the upkeep of a store asks the rows: how much there is, and how old the rows are.
 
-use super::connection::{Connection, Row, microseconds};
+use super::connection::{Row, microseconds};
 use super::expiry::count_expired;
 use super::jobs;
 use crate::args;
@@ -56,18 +56,4 @@ impl Store {
         let tables = connection.tables();
         tables.objects(&mut connection, kind, after, limit).await
     }
-}
-
-/// When the latest case, layer or finding was written; `None` if there is none.
-pub(crate) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
-    let row = connection
-        .fetch_one(
-            "SELECT max(at) AS newest FROM
-               (SELECT max(COALESCE(uploaded_at, created_at)) AS at FROM cases
-                UNION ALL SELECT max(created_at) FROM layers
-                UNION ALL SELECT max(changed_at) FROM findings) AS times",
-            args![],
-        )
-        .await?;
-    row.get("newest")
 }

@@ -43,7 +43,7 @@ fn file_of(directory: &TempDir, name: &ObjectName) -> std::path::PathBuf {
 
 async fn inspected(store: &Store) -> (Inspected, Vec<Defect>) {
     let mut findings = Vec::new();
-    let inspected = upkeep::inspect(&store, &mut |finding| findings.push(finding)).await;
+    let inspected = upkeep::inspect(store, &mut |finding| findings.push(finding)).await;
     (inspected.unwrap(), findings)
 }
 

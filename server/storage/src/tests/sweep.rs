@@ -197,7 +197,7 @@ impl Kept {
 }
 
 async fn removed(store: &Store, removal: Removal) -> (usize, Option<Waiting>) {
-    let removed = upkeep::remove_expired(&store, removal, |_| async { true });
+    let removed = upkeep::remove_expired(store, removal, |_| async { true });
     let Expired { removed, waiting } = removed.await.unwrap();
     (removed, waiting)
 }

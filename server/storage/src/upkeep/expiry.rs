@@ -8,27 +8,11 @@ use std::time::Duration;
 
 use case::CaseId;
 
+use crate::sql::expiry::{Allowance, Removal, expired as too_old};
 use crate::{REMOVALS_AT_ONCE, Store, StoreError};
 
-/// How long a process removes nothing by itstore.
+/// How long a process removes nothing by itself.
 const FIRST_HOUR: Duration = Duration::from_secs(3600);
-
-/// The longest jump of the time that is believed, if cases are kept for less than twice as long.
-const LEAST_JUMP: Duration = Duration::from_secs(7 * 86_400);
-
-/// How many cases may go in a day, however few came on any.
-const LEAST_A_DAY: u64 = 10;
-
-/// Who asks for the removal of what is too old.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Removal {
-    /// A server or a worker, by itstore.
-    Automatic,
-    /// A person.
-    Asked,
-    /// A person who says that the clock is right, and that all of it may go.
-    Confirmed,
-}
 
 /// Why cases that are too old stay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,38 +48,6 @@ pub struct Expired {
     pub waiting: Option<Waiting>,
 }
 
-/// How many cases may go.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Allowance {
-    /// So many on this day, by whatever process.
-    ADay(u64),
-    All,
-    /// None, because the clock has jumped.
-    None,
-}
-
-impl Allowance {
-    /// That of a day, if this is the most that came on one.
-    pub(crate) fn of_busiest_day(cases: i64) -> Self {
-        let cases = u64::try_from(cases).unwrap_or(0);
-        Self::ADay(cases.saturating_mul(2).max(LEAST_A_DAY))
-    }
-
-    /// Whether so many may go in a day.
-    pub(crate) fn covers(self, cases: i64) -> bool {
-        match self {
-            Self::All => true,
-            Self::ADay(most) => u64::try_from(cases).is_ok_and(|cases| cases <= most),
-            Self::None => false,
-        }
-    }
-}
-
-/// The longest jump of the time that is believed.
-pub(crate) fn believed_jump(keep: Duration) -> Duration {
-    LEAST_JUMP.max(keep / 2)
-}
-
 /// Removes the cases whose age is [`Options::keep`](crate::Options::keep) or more, as [`Store::delete`] does, as far as they need not wait. A case that
 /// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
 ///
@@ -125,12 +77,12 @@ where
     };
     let mut expired = Expired::default();
     if waiting.is_some() {
-        let is_any = !super::expired(store, keep, 1).await?.is_empty();
+        let is_any = !too_old(store, keep, 1).await?.is_empty();
         expired.waiting = waiting.filter(|_| is_any);
         return Ok(expired);
     }
     loop {
-        let old = super::expired(store, keep, REMOVALS_AT_ONCE).await?;
+        let old = too_old(store, keep, REMOVALS_AT_ONCE).await?;
         let removed_before = expired.removed;
         for id in &old {
             // Before anybody notes that the case goes.

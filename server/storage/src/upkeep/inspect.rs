@@ -5,8 +5,8 @@ use std::time::Duration;
 use case::{Case, CaseId, Failure, LayerId, ObjectKind, SOURCE_DAMAGED};
 
 use super::next_cases;
+use crate::sql::expiry::newest_row;
 use crate::sql::microseconds;
-use crate::sql::upkeep::newest_row;
 use crate::{ObjectName, REMOVALS_AT_ONCE, Store, StoreError, Unreadable};
 
 /// A problem.

@@ -9,15 +9,16 @@ use case::Case;
 
 pub use self::adopt::{adopt, manifest, restore_manifests, spool_object, unreferenced_of};
 pub use self::copy::{Copied, CopyStep, copy_into, copy_objects};
-pub(crate) use self::expiry::{Allowance, believed_jump};
-pub use self::expiry::{Expired, Removal, Waiting, remove_expired};
+pub use self::expiry::{Expired, Waiting, remove_expired};
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use self::inspect::all_objects_of;
 pub use self::inspect::{
     Amount, Defect, Inspected, Unreferenced, inspect, remove_unreferenced, unreferenced,
 };
 pub use crate::rows::RowCounts;
-pub use crate::sql::expiry::expired;
+#[cfg(test)]
+pub(crate) use crate::sql::expiry::Allowance;
+pub use crate::sql::expiry::{Removal, expired};
 pub use crate::sql::pins::forget_writers;
 pub use crate::sql::upkeep::row_counts;
 use crate::{CaseQuery, Cursor, Store, StoreError};

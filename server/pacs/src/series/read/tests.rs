@@ -3,23 +3,38 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use crate::identity::Rejection;
 use bytes::Bytes;
 use case::Closed;
 use case::images::{Fingerprint, Image};
 use case::series::Uid;
+use cases::Cases;
 use cases::testing::application;
 use proptest::prelude::*;
-use storage::Made;
 use storage::tables::made;
+use storage::{Made, Replaced};
 
 use super::*;
+use crate::identity::Rejection;
 use crate::series::tests::with_tables;
 use crate::values::{ArrivalSource, ArrivalState, NewInstance, Reception};
 use crate::values::{NewResult, ResultSeries, SEND};
 
-/// Series of the study: two are heads, and the third a layer.
-const SERIES_UIDS: [&str; 3] = ["1.2.1", "1.2.2", "1.2.3"];
+/// The study and the UID of each series. All but the third are heads, and in the last one no image was acquired.
+const PLACES: [(&str, &str); 4] = [
+    ("1.2", "1.2.1"),
+    ("1.2", "1.2.2"),
+    ("1.2", "1.2.3"),
+    ("1.5", "1.5.1"),
+];
+
+/// The series in which images were acquired.
+const ACQUIRED: usize = 3;
+
+/// The series of the layers.
+const OF_LAYERS: usize = 2;
+
+/// Findings that a reader saves; the first one is of a reader who deletes all.
+const FINDINGS: [&str; 3] = ["[]", "[1]", "[2]"];
 
 /// Images of a series.
 const IMAGES: usize = 3;
@@ -29,9 +44,10 @@ fn uid(text: &str) -> Uid {
 }
 
 fn uids(series: usize) -> SeriesUids {
+    let (study, series) = PLACES[series];
     SeriesUids {
-        study: uid("1.2"),
-        series: uid(SERIES_UIDS[series]),
+        study: uid(study),
+        series: uid(series),
     }
 }
 
@@ -39,7 +55,7 @@ fn uids(series: usize) -> SeriesUids {
 type ImageName = (usize, usize);
 
 fn uid_of((series, number): ImageName) -> Uid {
-    uid(&format!("{}.{number}", SERIES_UIDS[series]))
+    uid(&format!("{}.{number}", PLACES[series].1))
 }
 
 /// What a file of an image is: its series, and a version of its contents.
@@ -47,6 +63,7 @@ fn uid_of((series, number): ImageName) -> Uid {
 struct Version {
     series: usize,
     contents: u8,
+    is_lossy: bool,
 }
 
 fn contents(name: ImageName, version: Version) -> String {
@@ -55,7 +72,7 @@ fn contents(name: ImageName, version: Version) -> String {
 
 fn print(name: ImageName, version: Version) -> Fingerprint {
     let digest = blake3::hash(contents(name, version).as_bytes()).to_hex();
-    Fingerprint::new(&digest[..32], false, Vec::new()).unwrap()
+    Fingerprint::new(&digest[..32], version.is_lossy, Vec::new()).unwrap()
 }
 
 /// A step of the PACS, of a user, or of misfortune.
@@ -90,6 +107,11 @@ enum Step {
     },
     /// Takes a result to be sent.
     Take,
+    /// Saves the findings of a case.
+    Mark {
+        case: usize,
+        findings: usize,
+    },
     Delete {
         case: usize,
     },
@@ -103,8 +125,14 @@ enum Step {
     Week,
 }
 
-fn version() -> impl Strategy<Value = Version> {
-    (0..SERIES_UIDS.len(), 0..2_u8).prop_map(|(series, contents)| Version { series, contents })
+/// A few images are compressed with loss.
+fn version_in(series: std::ops::Range<usize>) -> impl Strategy<Value = Version> {
+    let lossy = proptest::bool::weighted(0.1);
+    (series, 0..2_u8, lossy).prop_map(|(series, contents, is_lossy)| Version {
+        series,
+        contents,
+        is_lossy,
+    })
 }
 
 fn numbers() -> impl Strategy<Value = Vec<usize>> {
@@ -114,16 +142,14 @@ fn numbers() -> impl Strategy<Value = Vec<usize>> {
     ]
 }
 
-/// Mostly, images stay in their series.
+/// Mostly, images stay in their series. Others move to another series or study.
 fn step() -> impl Strategy<Value = Step> {
-    let of = || 0..SERIES_UIDS.len();
-    let own = (of(), numbers(), 0..2_u8).prop_map(|(of, numbers, contents)| Step::Send {
-        of,
+    let of = || 0..ACQUIRED;
+    let version = || version_in(0..PLACES.len());
+    let own = (numbers(), version_in(of())).prop_map(|(numbers, version)| Step::Send {
+        of: version.series,
         numbers,
-        version: Version {
-            series: of,
-            contents,
-        },
+        version,
     });
     let anywhere = (of(), numbers(), version()).prop_map(|(of, numbers, version)| Step::Send {
         of,
@@ -133,7 +159,7 @@ fn step() -> impl Strategy<Value = Step> {
     prop_oneof![
         6 => own,
         1 => anywhere,
-        2 => (of(), numbers(), of(), any::<bool>()).prop_map(|(of, numbers, within, may_return)| {
+        2 => (of(), numbers(), 0..PLACES.len(), any::<bool>()).prop_map(|(of, numbers, within, may_return)| {
             Step::Reject { of, numbers, within, may_return }
         }),
         1 => Just(Step::Lift),
@@ -141,6 +167,7 @@ fn step() -> impl Strategy<Value = Step> {
         6 => proptest::bool::weighted(0.2).prop_map(|is_killed| Step::Read { is_killed }),
         2 => (0..9_usize).prop_map(|case| Step::Ask { case }),
         2 => Just(Step::Take),
+        2 => (0..9_usize, 0..FINDINGS.len()).prop_map(|(case, findings)| Step::Mark { case, findings }),
         1 => (0..9_usize).prop_map(|case| Step::Delete { case }),
         1 => (0..9_usize).prop_map(|case| Step::DeleteLayer { case }),
         1 => Just(Step::Kill),
@@ -158,14 +185,24 @@ struct Fold {
 }
 
 impl Fold {
-    fn send(&mut self, name: ImageName, version: Version) {
-        self.last.insert(name, version);
+    /// Whether an image is taken. One that has lost something replaces nothing, so it is taken only where the other one is kept.
+    fn send(&mut self, name: ImageName, version: Version, kept: Option<Version>) -> bool {
+        let last = self
+            .last
+            .get(&name)
+            .filter(|last| version.is_lossy && !last.is_lossy);
+        match last {
+            Some(last) if kept != Some(*last) || last.series != version.series => return false,
+            Some(_) => {}
+            None => drop(self.last.insert(name, version)),
+        }
         for (names, within, may_return) in &mut self.rejected {
             if *may_return && *within == version.series {
                 names.remove(&name);
             }
         }
         self.rejected.retain(|(names, ..)| !names.is_empty());
+        true
     }
 
     /// The latest note about an image counts, but one that may not return stays so.
@@ -225,6 +262,8 @@ struct World {
     made: BTreeMap<String, BTreeMap<ImageName, Version>>,
     /// Files that were acknowledged and must be there.
     kept: BTreeMap<ImageName, Version>,
+    /// What readers have saved of each case.
+    findings: BTreeMap<String, String>,
     /// Of which images the layers were made that each result shows, by its UID.
     results: Vec<(Uid, Vec<BTreeMap<ImageName, Version>>)>,
     /// How far the clock of the rows is ahead.
@@ -257,6 +296,7 @@ impl World {
             fold: Fold::default(),
             made: BTreeMap::new(),
             kept: BTreeMap::new(),
+            findings: BTreeMap::new(),
             results: Vec::new(),
             ahead: Duration::ZERO,
         }
@@ -266,21 +306,18 @@ impl World {
         self.arrivals.store()
     }
 
+    fn cases(&self) -> &Cases {
+        &self.arrivals.cases
+    }
+
     fn pass(&mut self, by: Duration) {
         self.ahead += by;
-        self.arrivals.cases.store().pass_time(by);
+        self.cases().store().pass_time(by);
     }
 
     async fn send(&mut self, name: ImageName, version: Version) {
         let file = contents(name, version);
-        let file = self
-            .arrivals
-            .cases
-            .store()
-            .spools()
-            .of(file.into())
-            .await
-            .unwrap();
+        let file = self.cases().store().spools().of(file.into()).await.unwrap();
         let image = NewInstance {
             uids: uids(version.series),
             accession_number: None,
@@ -292,9 +329,12 @@ impl World {
         let received = self
             .store()
             .receive(vec![(image, file)], ArrivalSource::CStore);
-        assert_ne!(received.await.unwrap(), [Reception::Refused]);
-        self.fold.send(name, version);
-        self.kept.insert(name, version);
+        let is_taken = received.await.unwrap() != [Reception::Refused];
+        let kept = self.kept.get(&name).copied();
+        assert_eq!(is_taken, self.fold.send(name, version, kept), "{version:?}");
+        if self.fold.last.get(&name) == Some(&version) {
+            self.kept.insert(name, version);
+        }
     }
 
     /// What the child finds in these images.
@@ -304,7 +344,7 @@ impl World {
             .map(|(name, version)| {
                 let print = print(*name, *version).to_string();
                 let print = serde_json::json!({
-                    "contents": &print[..32], "corners_mm": [], "is_lossy": false,
+                    "contents": &print[..32], "corners_mm": [], "is_lossy": version.is_lossy,
                 });
                 (uid_of(*name), print)
             })
@@ -315,15 +355,16 @@ impl World {
         // The kind of the contents is part of the id of the case.
         let versions: Vec<_> = of
             .values()
-            .map(|version| version.contents.to_string())
+            .map(|version| format!("{} {}", version.contents, version.is_lossy))
             .collect();
-        let is_head = first.series < 2;
+        let is_head = first.series != OF_LAYERS;
+        let (study, series) = PLACES[first.series];
         let outcome = serde_json::json!({"read": {
             "attributes": {
                 "attributes": [
                     ["PatientID", "P-1"],
-                    ["StudyInstanceUID", "1.2"],
-                    ["SeriesInstanceUID", SERIES_UIDS[first.series]],
+                    ["StudyInstanceUID", study],
+                    ["SeriesInstanceUID", series],
                     ["StudyDescription", versions.join(" ")],
                 ],
                 "instances": instances,
@@ -355,27 +396,14 @@ impl World {
             patience: Duration::ZERO,
         };
         self.store().queue_due_series(&terms).await.unwrap();
-        let Some(claim) = self
-            .arrivals
-            .cases
-            .store()
-            .claim(SERIES, 1000)
-            .await
-            .unwrap()
-        else {
+        let Some(claim) = self.cases().store().claim(SERIES, 1000).await.unwrap() else {
             return false;
         };
         let due = self.store().series_to_read(&claim).await.unwrap().unwrap();
         let mut of = BTreeMap::new();
         for image in &due.images {
             let name = name_of(&image.uid);
-            let file = self
-                .arrivals
-                .cases
-                .store()
-                .object(&image.object)
-                .await
-                .unwrap();
+            let file = self.cases().store().object(&image.object).await.unwrap();
             of.insert(name, version_of(name, &file));
         }
         if !of.is_empty() {
@@ -392,7 +420,10 @@ impl World {
             // A case that was there has all these images; a new one is made of them.
             match self.made.get(&case).filter(|_| before.contains(&case)) {
                 Some(made) => assert!(of.keys().all(|name| made.contains_key(name))),
-                None => drop(self.made.insert(case.clone(), of.clone())),
+                None => {
+                    self.made.insert(case.clone(), of.clone());
+                    self.inherit(&case).await;
+                }
             }
             self.follow(&case, &of);
         }
@@ -402,6 +433,20 @@ impl World {
         }
         assert!(self.store().settle(&claim, &outcome).await.unwrap());
         true
+    }
+
+    /// A new version has the findings of its case, unless it replaces one that is closed.
+    async fn inherit(&mut self, case: &str) {
+        let id = CaseId::parse(case).unwrap();
+        let held = self.cases().store().case(&id).await.unwrap().unwrap();
+        let Some(previous) = held.previous else {
+            return;
+        };
+        if (self.closed(&id).is_some() || self.closed(&previous).is_none())
+            && let Some(findings) = self.findings.get(&previous.to_string())
+        {
+            self.findings.insert(case.to_owned(), findings.clone());
+        }
     }
 
     /// A case that is made again is made of what came last.
@@ -417,24 +462,12 @@ impl World {
     async fn upload(&mut self, of: usize, version: Version) {
         let all: BTreeMap<_, _> = (0..IMAGES).map(|number| ((of, number), version)).collect();
         self.describe(&all);
-        let directory = self
-            .arrivals
-            .cases
-            .store()
-            .spools()
-            .directory()
-            .await
-            .unwrap();
+        let directory = self.cases().store().spools().directory().await.unwrap();
         let files = VolumeFiles::Dicom(directory);
-        let read = self
-            .arrivals
-            .cases
-            .upload(files, None, &Options::default())
-            .await;
+        let read = self.cases().upload(files, None, &Options::default()).await;
         let (upload, _) = read.unwrap();
         let submitted = self
-            .arrivals
-            .cases
+            .cases()
             .submit(upload, Parameters::default(), false)
             .await;
         let case = submitted.unwrap().case.id.to_string();
@@ -449,7 +482,7 @@ impl World {
     }
 
     async fn images_of(&self, case: &CaseId, layer: &LayerId) -> Vec<Image> {
-        let mut connection = self.arrivals.cases.store().connect().await.unwrap();
+        let mut connection = self.cases().store().connect().await.unwrap();
         let of = made::of(&mut connection, &Made::layer(case, layer)).await;
         of.unwrap()
     }
@@ -458,7 +491,7 @@ impl World {
         let number = self.results.len();
         let file = Bytes::from(format!("result {number}"));
         let (mut layers, mut made_of) = (Vec::new(), Vec::new());
-        for layer in self.arrivals.cases.store().layers(&case).await.unwrap() {
+        for layer in self.cases().store().layers(&case).await.unwrap() {
             let of = self.images_of(&case, &layer.id).await;
             made_of.push(of.iter().map(known).collect());
             layers.push(layer.id);
@@ -482,7 +515,7 @@ impl World {
 
     /// Nothing closed is sent. Whether anything was.
     async fn take(&self) -> bool {
-        let Some(claim) = self.arrivals.cases.store().claim(SEND, 1000).await.unwrap() else {
+        let Some(claim) = self.cases().store().claim(SEND, 1000).await.unwrap() else {
             return false;
         };
         let result = self.store().result(&claim.key).await.unwrap().unwrap();
@@ -492,14 +525,7 @@ impl World {
         for made_of in layers {
             assert_eq!(self.fold.closed(made_of), None, "it shows a closed layer");
         }
-        assert!(
-            self.arrivals
-                .cases
-                .store()
-                .finish(&claim, Ok(()))
-                .await
-                .unwrap()
-        );
+        assert!(self.cases().store().finish(&claim, Ok(())).await.unwrap());
         true
     }
 
@@ -507,10 +533,19 @@ impl World {
         self.fold.closed(&self.made[&case.to_string()])
     }
 
+    async fn mark(&mut self, case: CaseId, findings: &str) {
+        let store = self.cases().store();
+        let version = store.findings(&case).await.unwrap().version;
+        let replaced = store.replace_findings(&case, version, findings.to_owned());
+        assert!(matches!(replaced.await.unwrap(), Replaced::Done(_)));
+        self.findings.insert(case.to_string(), findings.to_owned());
+    }
+
     async fn delete(&mut self, case: CaseId) {
         // Its series go with it, so that nothing of the patient stays.
-        for (series, uid_of_series) in SERIES_UIDS.iter().enumerate() {
-            let query = SeriesQuery::Study(uid("1.2"), Some(uid(uid_of_series)));
+        for series in 0..PLACES.len() {
+            let SeriesUids { study, series: one } = uids(series);
+            let query = SeriesQuery::Study(study, Some(one));
             for arrival in self.store().arrivals_of(&query).await.unwrap() {
                 let became = [ArrivalState::Case, ArrivalState::Layer].contains(&arrival.state);
                 if became && arrival.case == Some(case) {
@@ -518,8 +553,9 @@ impl World {
                 }
             }
         }
-        self.arrivals.cases.store().delete(&case).await.unwrap();
+        self.cases().store().delete(&case).await.unwrap();
         self.made.remove(&case.to_string());
+        self.findings.remove(&case.to_string());
     }
 
     async fn step(&mut self, step: &Step) {
@@ -559,9 +595,7 @@ impl World {
                     return;
                 };
                 assert!(self.store().lift(&latest.id).await.unwrap());
-                let within = SERIES_UIDS
-                    .iter()
-                    .position(|series| *series == latest.uids.series.as_str());
+                let within = (0..PLACES.len()).find(|series| uids(*series) == latest.uids);
                 let Some((.., last, _)) = self.fold.rejected.last().cloned() else {
                     panic!("nothing is rejected");
                 };
@@ -579,6 +613,11 @@ impl World {
                 }
             }
             Step::Take => drop(self.take().await),
+            Step::Mark { case, findings } => {
+                if let Some(case) = self.case(*case) {
+                    self.mark(case, FINDINGS[*findings]).await;
+                }
+            }
             Step::Delete { case } => {
                 if let Some(case) = self.case(*case) {
                     self.delete(case).await;
@@ -586,25 +625,14 @@ impl World {
             }
             Step::DeleteLayer { case } => {
                 if let Some(case) = self.case(*case)
-                    && let Some(layer) = self
-                        .arrivals
-                        .cases
-                        .store()
-                        .layers(&case)
-                        .await
-                        .unwrap()
-                        .first()
+                    && let Some(layer) = self.cases().store().layers(&case).await.unwrap().first()
                 {
-                    self.arrivals
-                        .cases
-                        .delete_layer(&case, &layer.id)
-                        .await
-                        .unwrap();
+                    self.cases().delete_layer(&case, &layer.id).await.unwrap();
                 }
             }
             Step::Kill => {
                 self.arrivals = open(self.place.path(), self.folder.path()).await;
-                self.arrivals.cases.store().pass_time(self.ahead);
+                self.cases().store().pass_time(self.ahead);
             }
             Step::Week => {
                 self.pass(Duration::from_secs(7 * 24 * 3600));
@@ -622,17 +650,13 @@ impl World {
     /// The rows are what the messages say.
     async fn check(&self) {
         for (case, made) in &self.made {
+            let findings = self.findings.get(case).map_or(FINDINGS[0], String::as_str);
             let case = CaseId::parse(case).unwrap();
-            let held = self
-                .arrivals
-                .cases
-                .store()
-                .case(&case)
-                .await
-                .unwrap()
-                .unwrap();
+            let saved = self.cases().store().findings(&case).await.unwrap();
+            assert_eq!(saved.document, findings, "of {case}");
+            let held = self.cases().store().case(&case).await.unwrap().unwrap();
             assert_eq!(held.closed, self.fold.closed(made), "{case} of {made:?}");
-            for layer in self.arrivals.cases.store().layers(&case).await.unwrap() {
+            for layer in self.cases().store().layers(&case).await.unwrap() {
                 let of = self.images_of(&case, &layer.id).await;
                 let of = of.iter().map(known);
                 assert_eq!(layer.closed, self.fold.closed(&of.collect()));
@@ -644,7 +668,7 @@ impl World {
                 .iter()
                 .find(|(uid, _)| *uid == uid_of(*name))
                 .unwrap();
-            let file = self.arrivals.cases.store().object(object).await.unwrap();
+            let file = self.cases().store().object(object).await.unwrap();
             assert_eq!(version_of(*name, &file), *version);
         }
     }
@@ -652,8 +676,11 @@ impl World {
 
 /// Every version of an image.
 fn versions() -> impl Iterator<Item = Version> {
-    (0..SERIES_UIDS.len())
-        .flat_map(|series| (0..2).map(move |contents| Version { series, contents }))
+    (0..PLACES.len() * 4).map(|number| Version {
+        series: number / 4,
+        contents: u8::from(number & 1 > 0),
+        is_lossy: number & 2 > 0,
+    })
 }
 
 /// An image as a test knows it.
@@ -665,10 +692,8 @@ fn known(image: &Image) -> (ImageName, Version) {
 
 fn name_of(uid: &Uid) -> ImageName {
     let (series, number) = uid.as_str().rsplit_once('.').unwrap();
-    let series = SERIES_UIDS
-        .iter()
-        .position(|known| *known == series)
-        .unwrap();
+    let series = PLACES.iter().position(|(_, known)| *known == series);
+    let series = series.unwrap();
     (series, number.parse().unwrap())
 }
 
@@ -679,13 +704,17 @@ fn version_of(name: ImageName, file: &[u8]) -> Version {
 
 async fn live(steps: &[Step]) {
     let mut world = World::new().await;
-    // A head and a layer of it, and a result that shows both.
+    // A head with findings and a layer, and a result that shows both.
     let read = || Step::Read { is_killed: false };
     let first = [
         send_all(0, 0),
         read(),
         send_all(2, 0),
         read(),
+        Step::Mark {
+            case: 0,
+            findings: 1,
+        },
         Step::Ask { case: 0 },
     ];
     for step in first.iter().chain(steps) {
@@ -703,6 +732,7 @@ fn send_all(of: usize, contents: u8) -> Step {
     let version = Version {
         series: of,
         contents,
+        is_lossy: false,
     };
     let numbers = (0..IMAGES).collect();
     Step::Send {
@@ -730,6 +760,20 @@ async fn a_result_of_two_layers_with_two_versions_of_one_image_is_not_sent() {
     live(&steps).await;
 }
 
+#[tokio::test]
+async fn a_lossy_image_does_not_take_the_place_of_one_that_is_not_kept_any_more() {
+    let lossy = Step::Send {
+        of: 0,
+        numbers: vec![0],
+        version: Version {
+            series: 0,
+            contents: 0,
+            is_lossy: true,
+        },
+    };
+    live(&[Step::Week, lossy, send_all(0, 0)]).await;
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 24,
@@ -738,6 +782,19 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
+    /// Each of these guards was removed once, and the test failed:
+    ///
+    /// | guard | place | what fails |
+    /// |---|---|---|
+    /// | an image that came is judged | `images::arrive` | a case is open that is corrected |
+    /// | what a note names is judged | `images::reject` | a case is open that is rejected |
+    /// | what is lifted is judged | `images::lift` | a case stays rejected |
+    /// | what is made is judged | `tables::made::make` | a case of old images is open |
+    /// | layers and results are judged too | `images::judge_made` | a layer is open |
+    /// | an image that may not return stays rejected | `images::arrive` | a case opens when it comes again |
+    /// | a lossy image is refused where the other one is not kept | `images::arrive` | it is taken |
+    /// | what is closed is not claimed | `PacsTables::refusal` | a result of a closed case is taken |
+    /// | a correction takes the place of the file | `arrivals::replace` | the file has other contents |
     #[test]
     fn the_rows_are_what_the_messages_say(steps in prop::collection::vec(step(), 1..24)) {
         let runtime = tokio::runtime::Builder::new_multi_thread()
