@@ -119,6 +119,12 @@ pub(crate) fn reasons(answer: &Value, tag: &str) -> Vec<u64> {
     items(answer, tag).iter().map(reason).collect()
 }
 
+/// The sentences of the items, as far as they are stated.
+fn comments(answer: &Value, tag: &str) -> Vec<String> {
+    let comment = |item: &Value| item["00000902"]["Value"][0].as_str().unwrap().to_owned();
+    items(answer, tag).iter().map(comment).collect()
+}
+
 #[tokio::test]
 async fn a_series_that_is_stored_becomes_a_case_and_late_images_make_a_version_of_it() {
     let neighbour = Neighbour::start(|_| {}).await;
@@ -183,27 +189,47 @@ async fn a_series_that_is_stored_becomes_a_case_and_late_images_make_a_version_o
 
 #[tokio::test]
 async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
+    let lines = Lines::default();
+    let _logging = lines.collect();
     let neighbour = Neighbour::start(|config| config.pacs.ignore_other_objects = false).await;
     let sound = Slice::number(0).file(Syntax::Explicit);
     let report = Slice {
         sop_class: "1.2.840.10008.5.1.4.1.1.88.11",
         ..Slice::number(1)
     };
+    let mut without_study = Slice::number(2).file(Syntax::Explicit);
+    let study = memchr::memmem::find(&without_study, b"\x0D\0UI\x06\x001.2.3\0").unwrap();
+    without_study[study + 6..][..5].copy_from_slice(b"study");
     let parts = [
         sound.clone(),
         report.file(Syntax::Explicit),
         b"not DICOM at all".to_vec(),
-        sound[..300].to_vec(),
+        without_study.clone(),
+        without_study.clone(),
     ];
     let answer = neighbour.store(&parts).await;
     assert_eq!(answer.status, 202, "{answer:?}");
     let stored = answer.json();
     assert_eq!(items(&stored, "00081199").len(), 1);
     assert_eq!(reasons(&stored, "00081198"), [0x0122]);
-    assert_eq!(reasons(&stored, "0008119A"), [0xC000; 2]);
+    assert_eq!(reasons(&stored, "0008119A"), [0xC000; 3]);
     let instance = &items(&stored, "00081198")[0]["00081155"]["Value"][0];
     assert_eq!(instance, "1.2.3.4.2");
-    assert_eq!(neighbour.store(&parts[1..]).await.status, 409);
+    let of_class = "it is not an MR or CT image";
+    let of_study = "its Study Instance UID is no UID (up to 64 digits and points); e";
+    assert_eq!(comments(&stored, "00081198"), [of_class]);
+    assert_eq!(comments(&stored, "0008119A")[1..], [of_study; 2]);
+    // Each reason is one line of the log, with its number.
+    let logged = lines.text();
+    for (reason, objects) in [(of_class, 1), (of_study, 2)] {
+        let lines: Vec<_> = logged.lines().filter(|it| it.contains(reason)).collect();
+        assert_eq!(lines.len(), 1, "{logged}");
+        assert!(
+            lines[0].contains(&format!("objects={objects}")),
+            "{lines:?}"
+        );
+    }
+    assert_eq!(neighbour.store(&parts[1..4]).await.status, 409);
     let other_study = stow("/dicomweb/studies/1.2.99", related(&parts[..1]));
     let answer = neighbour.server.send(other_study).await;
     assert_eq!(answer.status, 409);
@@ -212,7 +238,7 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     assert_eq!(neighbour.server.send(same_study).await.status, 200);
     let counted = neighbour.server.pacs.store().images();
     assert!(
-        counted.contains(&("stow", ImageStatus::Refused, 7)),
+        counted.contains(&("stow", ImageStatus::Refused, 8)),
         "{counted:?}"
     );
     // One slice is no volume.
@@ -340,6 +366,8 @@ async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alon
     let stored = answer.json();
     assert_eq!(items(&stored, "00081199").len(), images.len());
     assert_eq!(reasons(&stored, "00081198"), [0x0124]);
+    let why = "its sender may not reject images (`dicom-reject`, `may_reject`)";
+    assert_eq!(comments(&stored, "00081198"), [why]);
     let case = is_case().await;
     let alone = send(std::slice::from_ref(&quality), "orthanc").await;
     assert_eq!(alone.status, 409, "{alone:?}");

@@ -13,6 +13,7 @@ pub mod node;
 mod node_tests;
 mod page;
 mod parts;
+mod refusal;
 mod rejections;
 mod rendered;
 mod results;

@@ -17,6 +17,7 @@ use storage::Spooled;
 use crate::address::StudyPath;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
+use crate::refusal::{Refusal, Refusals, Status, error_comment};
 use crate::state::Pacs;
 use crate::values::{ArrivalSource, Reception};
 use http::fresh::fresh_json;
@@ -31,23 +32,23 @@ const MAX_INSTANCES: usize = 20_000;
 /// Images that are made durable together.
 const BATCH: usize = 64;
 
-/// The warning reason of an image that took the place of another one: coercion of data elements (PS3.18 table I.2-1).
-const CORRECTED: u16 = 0xB000;
+const NOT_DICOM: Refusal = Refusal::new(
+    Status::CannotUnderstand,
+    "the part has another media type than application/dicom",
+);
 
-/// Why an image was not stored (PS3.18 table I.2-2).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum FailureReason {
-    /// It is too large.
-    OutOfResources = 0xA700,
-    /// It belongs to another study.
-    DataSetDoesNotMatch = 0xA900,
-    /// It cannot be read.
-    CannotUnderstand = 0xC000,
-    /// It is not an MR or CT image.
-    ClassNotSupported = 0x0122,
-    /// It is a rejection note, and its sender may not reject images (PS3.7 annex C).
-    NotAuthorized = 0x0124,
-}
+const TOO_LARGE: Refusal = Refusal::new(
+    Status::OutOfResources,
+    "it is larger than an image may be, which is 512 MiB",
+);
+
+const ANOTHER_STUDY: Refusal = Refusal::new(
+    Status::DataSetDoesNotMatch,
+    "it belongs to another study than the one in the address",
+);
+
+/// What is said of an object that is acknowledged and not kept.
+const IGNORED: &str = "it is not an MR or CT image, and nothing of it is kept";
 
 /// Store images
 ///
@@ -129,10 +130,12 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         study,
         batch: Vec::new(),
         report: Report::default(),
+        refusals: Refusals::default(),
         stored: StoredImages::default(),
     };
     let parts = Parts::new(request.into_body(), &boundary, *limits);
     let received = images.receive(parts).await;
+    images.refusals.log(ArrivalSource::Stow);
     let mut response = match received {
         Ok(()) => std::mem::take(&mut images.report).answer(),
         Err(error) => error.into_response(),
@@ -182,6 +185,7 @@ struct Images<'a> {
     /// Read, and not durable yet.
     batch: Vec<(InstanceIdentity, Spooled)>,
     report: Report,
+    refusals: Refusals,
     /// For the audit record.
     stored: StoredImages,
 }
@@ -200,12 +204,12 @@ impl Images<'_> {
             }
             if !is_dicom(kind.as_deref()) {
                 parts.skip().await?;
-                self.unknown(FailureReason::CannotUnderstand);
+                self.unknown(&NOT_DICOM);
                 continue;
             }
             match parts.spool(self.pacs.store()).await? {
                 Some(file) => self.add(file).await?,
-                None => self.unknown(FailureReason::OutOfResources),
+                None => self.unknown(&TOO_LARGE),
             }
         }
         self.finish().await
@@ -214,48 +218,51 @@ impl Images<'_> {
     async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
         let identity = match self.pacs.cases().headers.read(&file).await {
             Ok(identity) => identity,
-            Err(Error::Failure(failure)) => {
-                tracing::warn!(
-                    kind = failure.name,
-                    reason = failure.detail,
-                    "an object that STOW-RS sent cannot be read"
-                );
-                self.unknown(FailureReason::CannotUnderstand);
+            Err(error @ Error::Failure(_)) => {
+                self.unknown(&error.into());
                 return Ok(());
             }
             Err(error) => return Err(error.into()),
         };
-        let is_ignored = !identity.is_image && self.pacs.ignores_other_objects();
-        match refusal(&identity, self.study.as_ref()) {
-            Some(FailureReason::ClassNotSupported) if is_ignored => {
-                // What came before a note came before it.
-                self.flush().await?;
-                let source = ArrivalSource::Stow;
-                let reference = identity.clone();
-                let by = &self.holder.name;
-                let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
-                if identity.rejection.is_some() && !may_reject {
-                    (self.pacs.arrivals())
-                        .refuse_rejection(identity, source, by)
-                        .await?;
-                    self.failed(&reference, FailureReason::NotAuthorized);
-                    return Ok(());
-                }
-                let is_known = self.pacs.arrivals().ignore(identity, source, by).await?;
-                self.report
-                    .ignored(&reference, is_known.then_some(CORRECTED));
-                return Ok(());
-            }
-            Some(reason) => {
-                self.failed(&identity, reason);
-                return Ok(());
-            }
-            None => {}
+        if self
+            .study
+            .as_ref()
+            .is_some_and(|study| *study != identity.uids.study)
+        {
+            self.failed(&identity, &ANOTHER_STUDY);
+            return Ok(());
+        }
+        if !identity.is_image {
+            return self.add_other(identity).await;
         }
         self.batch.push((identity, file));
         if self.batch.len() == BATCH {
             self.flush().await?;
         }
+        Ok(())
+    }
+
+    /// Takes an object that is no image, of which nothing is kept.
+    async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
+        if !self.pacs.ignores_other_objects() {
+            self.failed(&identity, &Refusal::ANOTHER_CLASS);
+            return Ok(());
+        }
+        // What came before a note came before it.
+        self.flush().await?;
+        let arrivals = self.pacs.arrivals();
+        let source = ArrivalSource::Stow;
+        let by = &self.holder.name;
+        let reference = identity.clone();
+        let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
+        if identity.rejection.is_some() && !may_reject {
+            arrivals.refuse_rejection(identity, source, by).await?;
+            self.failed(&reference, &Refusal::MAY_NOT_REJECT);
+            return Ok(());
+        }
+        let is_known = arrivals.ignore(identity, source, by).await?;
+        self.report
+            .ignored(&reference, is_known.then_some(Status::Corrected));
         Ok(())
     }
 
@@ -274,25 +281,31 @@ impl Images<'_> {
             }
             match reception {
                 Reception::New | Reception::Known => self.report.stored(identity, None),
-                Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
-                Reception::Refused => {
-                    let reason = FailureReason::CannotUnderstand;
-                    self.failed(identity, reason);
-                }
+                Reception::Corrected => self.report.stored(identity, Some(Status::Corrected)),
+                Reception::Refused => self.failed(identity, &Refusal::NOT_BETTER),
             }
         }
         Ok(())
     }
 
-    fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {
-        self.pacs.arrivals().refused(ArrivalSource::Stow);
-        self.report.failed(identity, reason);
+    fn failed(&mut self, identity: &InstanceIdentity, refusal: &Refusal) {
+        let item = self.refused(reference(identity), refusal);
+        self.report.failed.push(item);
     }
 
     /// An image without a known instance UID.
-    fn unknown(&mut self, reason: FailureReason) {
+    fn unknown(&mut self, refusal: &Refusal) {
+        let item = self.refused(json!({}), refusal);
+        self.report.others.push(item);
+    }
+
+    /// Counts a refusal, and completes its item of the report.
+    fn refused(&mut self, mut item: Value, refusal: &Refusal) -> Value {
         self.pacs.arrivals().refused(ArrivalSource::Stow);
-        self.report.unknown(reason);
+        self.refusals.add(refusal);
+        item["00081197"] = element("US", refusal.status as u16);
+        item["00000902"] = element("LO", error_comment(&refusal.why));
+        item
     }
 
     async fn finish(&mut self) -> Result<(), AppError> {
@@ -318,14 +331,6 @@ impl Images<'_> {
         );
         Ok(())
     }
-}
-
-/// Why an image is not stored; `None` if it may be.
-fn refusal(identity: &InstanceIdentity, study: Option<&Uid>) -> Option<FailureReason> {
-    if study.is_some_and(|study| *study != identity.uids.study) {
-        return Some(FailureReason::DataSetDoesNotMatch);
-    }
-    (!identity.is_image).then_some(FailureReason::ClassNotSupported)
 }
 
 /// What became of each image of a request.
@@ -357,10 +362,11 @@ impl Report {
         self.stored.len() + self.failed.len() + self.others.len()
     }
 
-    fn stored(&mut self, identity: &InstanceIdentity, warning: Option<u16>) {
+    /// An image, with a warning reason (PS3.18 table I.2-1) if it took the place of another one.
+    fn stored(&mut self, identity: &InstanceIdentity, warning: Option<Status>) {
         let mut item = reference(identity);
         if let Some(reason) = warning {
-            item["00081196"] = element("US", reason);
+            item["00081196"] = element("US", reason as u16);
             self.has_warnings = true;
         }
         // Nothing can be retrieved from here.
@@ -369,21 +375,12 @@ impl Report {
     }
 
     /// An object of which nothing is kept, as if it were stored.
-    fn ignored(&mut self, identity: &InstanceIdentity, warning: Option<u16>) {
+    fn ignored(&mut self, identity: &InstanceIdentity, warning: Option<Status>) {
         self.ignored += 1;
         self.stored(identity, warning);
-    }
-
-    fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {
-        let mut item = reference(identity);
-        item["00081197"] = element("US", reason as u16);
-        self.failed.push(item);
-    }
-
-    /// An image without a known instance UID.
-    fn unknown(&mut self, reason: FailureReason) {
-        self.others
-            .push(json!({ "00081197": element("US", reason as u16) }));
+        if let Some(item) = self.stored.last_mut() {
+            item["00000902"] = element("LO", error_comment(IGNORED));
+        }
     }
 
     fn answer(self) -> Response {

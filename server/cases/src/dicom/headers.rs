@@ -76,13 +76,14 @@ impl InstanceIdentity {
     }
 
     /// An answer that may be passed on.
-    fn checked(identity: Identity) -> Option<Self> {
-        Some(Self {
-            sop_class_uid: Uid::parse(&identity.sop_class_uid)?,
-            sop_instance_uid: Uid::parse(&identity.sop_instance_uid)?,
+    fn checked(identity: Identity) -> Result<Self, Failure> {
+        let uid = |name, text: &str| Uid::parse(text).ok_or_else(|| bad_uid(name));
+        Ok(Self {
+            sop_class_uid: uid("SOP Class UID", &identity.sop_class_uid)?,
+            sop_instance_uid: uid("SOP Instance UID", &identity.sop_instance_uid)?,
             uids: SeriesUids {
-                study: Uid::parse(&identity.study_uid)?,
-                series: Uid::parse(&identity.series_uid)?,
+                study: uid("Study Instance UID", &identity.study_uid)?,
+                series: uid("Series Instance UID", &identity.series_uid)?,
             },
             accession_number: identity
                 .accession_number
@@ -92,14 +93,19 @@ impl InstanceIdentity {
                 .label
                 .filter(|label| Parameters::check_name(label).is_ok()),
             is_image: identity.is_image,
-            rejection: match &identity.rejection {
-                Some(rejection) => Some(checked_rejection(rejection)?),
-                None => None,
-            },
-            fingerprint: match identity.fingerprint {
-                Some(fingerprint) => Some(checked_fingerprint(fingerprint)?),
-                None => None,
-            },
+            rejection: (identity.rejection.as_ref())
+                .map(|rejection| {
+                    let checked = checked_rejection(rejection);
+                    checked.ok_or_else(|| bad_uid("list of UIDs"))
+                })
+                .transpose()?,
+            fingerprint: (identity.fingerprint)
+                .map(|print| {
+                    let checked = checked_fingerprint(print);
+                    let why = "what the image shows cannot be read";
+                    checked.ok_or_else(|| Failure::unusable("dicom-damaged", why))
+                })
+                .transpose()?,
         })
     }
 }
@@ -150,7 +156,9 @@ impl HeaderReader {
     /// wait; [`Error::Internal`], logged, if the process cannot be started.
     pub async fn read(&self, file: &Spooled) -> Result<InstanceIdentity, Error> {
         let _turn = self.limit.turn().await?;
-        checked(self.reader.identity(file).await?)
+        Ok(InstanceIdentity::checked(
+            self.reader.identity(file).await?,
+        )?)
     }
 
     /// The findings of a measurement report.
@@ -172,20 +180,16 @@ impl HeaderReader {
         output: &Path,
     ) -> Result<Option<Fingerprint>, Error> {
         let _turn = self.limit.turn().await?;
-        let identity = checked(self.reader.deidentify(file, output).await?)?;
+        let identity = InstanceIdentity::checked(self.reader.deidentify(file, output).await?)?;
         Ok(identity.fingerprint)
     }
 }
 
-fn checked(identity: Identity) -> Result<InstanceIdentity, Error> {
-    InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
-}
-
-fn bad_uid() -> Failure {
-    Failure::unusable(
-        "dicom-damaged",
-        "a UID of the image is not made of digits and points, or has more than 64 of them; export the images with valid UIDs",
-    )
+fn bad_uid(name: &str) -> Failure {
+    let detail = format!(
+        "its {name} is no UID (up to 64 digits and points); export the images with valid UIDs"
+    );
+    Failure::unusable("dicom-damaged", detail)
 }
 
 #[cfg(test)]

@@ -82,21 +82,19 @@ pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
         });
     }
     let object = parse(&scan(file, &WANTED)?)?;
-    let uid = |tag| {
+    let uid = |tag, what| {
         let uid = text(&object, tag).filter(|uid| !uid.is_empty());
-        uid.ok_or(DicomError::Damaged {
-            what: "it lacks the UID of its class, its instance, its study or its series",
-        })
+        uid.ok_or(DicomError::Damaged { what })
     };
-    let sop_class_uid = uid(tags::SOP_CLASS_UID)?;
+    let sop_class_uid = uid(tags::SOP_CLASS_UID, "it has no SOP Class UID")?;
     let is_list = sop_class_uid == uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
     Ok(Identity {
         rejection: if is_list { rejection(file)? } else { None },
         is_image: IMAGE_CLASSES.contains(&&*sop_class_uid),
         sop_class_uid,
-        sop_instance_uid: uid(tags::SOP_INSTANCE_UID)?,
-        study_uid: uid(tags::STUDY_INSTANCE_UID)?,
-        series_uid: uid(tags::SERIES_INSTANCE_UID)?,
+        sop_instance_uid: uid(tags::SOP_INSTANCE_UID, "it has no SOP Instance UID")?,
+        study_uid: uid(tags::STUDY_INSTANCE_UID, "it has no Study Instance UID")?,
+        series_uid: uid(tags::SERIES_INSTANCE_UID, "it has no Series Instance UID")?,
         accession_number: text(&object, tags::ACCESSION_NUMBER).filter(|text| !text.is_empty()),
         label: series_label(|keyword| text(&object, tag_of(keyword))),
         fingerprint: None,

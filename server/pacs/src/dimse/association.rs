@@ -11,13 +11,14 @@ use imaging::dicom::IMAGE_CLASSES;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
 
-use crate::dimse::command::{self, Request, Status};
+use crate::dimse::command::{self, Request};
 use crate::dimse::counts::{AssociationCounts, Rejection};
 use crate::dimse::head::file_head;
 use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
+use crate::refusal::{Refusal, Refusals, Status};
 use crate::series::Arrivals;
 use crate::store::REJECTION_NOTE;
 use crate::values::{ArrivalSource, Reception};
@@ -113,14 +114,13 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     let Pdu::AssociationRQ(request) = asked else {
         return Err(Abort::Unexpected);
     };
+    tracing::Span::current().record("calling", shown(&request.calling_ae_title));
     let negotiated = negotiate(&request, &caller.peers, options);
     let Accepted { answer, contexts } = match negotiated {
         Ok(accepted) => accepted,
         Err(why) => {
             if let Some(count) = options.counts.reject(why) {
                 tracing::warn!(
-                    address = %caller.address,
-                    calling = shown(&request.calling_ae_title),
                     called = shown(&request.called_ae_title),
                     reason = why.name(),
                     count,
@@ -134,10 +134,19 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     if caller.is_beyond_limit {
         let why = Rejection::Limit;
         if let Some(count) = options.counts.reject(why) {
-            tracing::warn!(address = %caller.address, reason = why.name(), count, "associations were rejected");
+            tracing::warn!(reason = why.name(), count, "associations were rejected");
         }
         wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
         return Err(Abort::Rejected);
+    }
+    let refused = request.presentation_contexts.len() - contexts.len();
+    if refused > 0 {
+        let why = "for another service, or in a transfer syntax that is not known";
+        tracing::info!(
+            contexts = refused,
+            why,
+            "presentation contexts were refused"
+        );
     }
     let _running = options.counts.begin();
     wire.send(&Pdu::AssociationAC(answer)).await?;
@@ -154,10 +163,12 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         peer: &request.calling_ae_title,
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
+        refusals: Refusals::default(),
     };
     let peer_max_length = peer_max_length(&request.user_variables);
     let ended = exchange(wire, &mut messages, peer_max_length, options).await;
     messages.record_end(ended.is_ok()).await;
+    messages.refusals.log(ArrivalSource::CStore);
     ended
 }
 
@@ -235,7 +246,11 @@ struct Messages<'a> {
     event: Event,
     /// Whether it is on record that images come.
     is_announced: bool,
+    refusals: Refusals,
 }
+
+/// What a request is answered.
+type Answer = Result<Status, Refusal>;
 
 enum State {
     /// The rest of a command.
@@ -250,7 +265,7 @@ enum State {
     Ignored {
         request: Request,
         context: u8,
-        status: Status,
+        answer: Answer,
     },
 }
 
@@ -280,13 +295,14 @@ impl Messages<'_> {
             } if !is_command && id == context => {
                 if file.len() + value.data.len() as u64 > MAX_INSTANCE_BYTES {
                     if self.is_ignored(&request) {
-                        return Ok(self.ignore(request, context, Status::Success, value.is_last));
+                        let answer = Ok(Status::Success);
+                        return Ok(self.ignore(request, context, answer, value.is_last));
                     }
                     return Err(Abort::TooLarge);
                 }
                 if let Err(error) = file.write(value.data.into()).await {
-                    let status = status_of(&error.into());
-                    return Ok(self.ignore(request, context, status, value.is_last));
+                    let answer = Err(Error::from(error).into());
+                    return Ok(self.ignore(request, context, answer, value.is_last));
                 }
                 if !value.is_last {
                     self.state = State::Image {
@@ -296,24 +312,19 @@ impl Messages<'_> {
                     };
                     return Ok(None);
                 }
-                let stored = match file.finish().await {
+                let answer = match file.finish().await {
                     Ok(file) => self.store(&request, file).await,
-                    Err(error) => Err(error.into()),
+                    Err(error) => Err(Error::from(error).into()),
                 };
-                let status = stored.as_ref().map_or_else(status_of, |status| *status);
-                let why = match &stored {
-                    Err(Error::Failure(failure)) => &failure.detail,
-                    _ => "",
-                };
-                self.count(status);
-                Ok(Some((context, request.response_with(status, why))))
+                self.count(&answer);
+                Ok(Some((context, request.response(&answer))))
             }
             State::Ignored {
                 request,
                 context,
-                status,
+                answer,
             } if !is_command && id == context => {
-                Ok(self.ignore(request, context, status, value.is_last))
+                Ok(self.ignore(request, context, answer, value.is_last))
             }
             _ => Err(Abort::Unexpected),
         }
@@ -324,57 +335,57 @@ impl Messages<'_> {
         &mut self,
         request: Request,
         context: u8,
-        status: Status,
+        answer: Answer,
         is_last: bool,
     ) -> Option<(u8, Vec<u8>)> {
         if is_last {
             if matches!(request, Request::Store { .. }) {
-                self.count(status);
+                self.count(&answer);
             }
-            return Some((context, request.response(status)));
+            return Some((context, request.response(&answer)));
         }
         self.state = State::Ignored {
             request,
             context,
-            status,
+            answer,
         };
         None
     }
 
     /// Counts the answer to an image.
-    fn count(&self, status: Status) {
-        let is_refused = matches!(
-            status,
-            Status::DataSetDoesNotMatch
-                | Status::CannotUnderstand
-                | Status::ClassNotSupported
-                | Status::NotAuthorized
-        );
-        if is_refused {
+    fn count(&mut self, answer: &Answer) {
+        if let Err(refusal) = answer
+            && refusal.is_of_object()
+        {
             self.arrivals.refused(ArrivalSource::CStore);
+            self.refusals.add(refusal);
         }
-        let is_stored = matches!(status, Status::Success | Status::Corrected);
-        self.counts.answered(is_stored, self.peer);
+        self.counts.answered(answer.is_ok(), self.peer);
     }
 
     /// Answers a request, or waits for its data set.
     async fn begin(&mut self, request: Request, id: u8) -> Result<Option<(u8, Vec<u8>)>, Abort> {
         let context = self.contexts.iter().find(|context| context.id == id);
         let context = context.ok_or(Abort::Unexpected)?;
-        let status = match &request {
-            Request::Echo { .. } => return Ok(Some((id, request.response(Status::Success)))),
+        let unrecognised =
+            Refusal::new(Status::UnrecognisedOperation, "it is not C-ECHO or C-STORE");
+        let refusal = match &request {
+            Request::Echo { .. } => {
+                return Ok(Some((id, request.response(&Ok(Status::Success)))));
+            }
             Request::Other {
                 has_data_set: false,
                 ..
-            } => {
-                let response = request.response(Status::UnrecognisedOperation);
-                return Ok(Some((id, response)));
-            }
-            Request::Other { .. } => Status::UnrecognisedOperation,
+            } => return Ok(Some((id, request.response(&Err(unrecognised))))),
+            Request::Other { .. } => unrecognised,
             Request::Store { object, .. } if object.sop_class_uid != context.abstract_syntax => {
-                Status::ClassNotSupported
+                let why = "its class is not that of its presentation context";
+                Refusal::new(Status::ClassNotSupported, why)
             }
-            Request::Store { .. } if !self.announce().await => Status::OutOfResources,
+            Request::Store { .. } if !self.announce().await => {
+                let why = "the audit record of the server cannot be written";
+                Refusal::new(Status::OutOfResources, why)
+            }
             Request::Store { .. } => match self.open(&request, context).await {
                 Ok(file) => {
                     self.state = State::Image {
@@ -384,10 +395,10 @@ impl Messages<'_> {
                     };
                     return Ok(None);
                 }
-                Err(error) => status_of(&error),
+                Err(error) => error.into(),
             },
         };
-        Ok(self.ignore(request, id, status, false))
+        Ok(self.ignore(request, id, Err(refusal), false))
     }
 
     /// How many images were stored.
@@ -453,9 +464,9 @@ impl Messages<'_> {
     }
 
     /// Makes an image durable.
-    async fn store(&mut self, request: &Request, file: Spooled) -> Result<Status, Error> {
+    async fn store(&mut self, request: &Request, file: Spooled) -> Answer {
         let Request::Store { object, .. } = request else {
-            return Ok(Status::ProcessingFailure);
+            return Err(Error::Internal.into());
         };
         let identity = match self.arrivals.cases.headers.read(&file).await {
             // Nothing of it is kept, so nothing of it need be understood, unless it may be a rejection note.
@@ -467,18 +478,19 @@ impl Messages<'_> {
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
             && identity.sop_instance_uid.as_str() == object.sop_instance_uid;
         if !is_same {
-            return Ok(Status::DataSetDoesNotMatch);
+            let why = "its class or instance UID is not that of the command";
+            return Err(Refusal::new(Status::DataSetDoesNotMatch, why));
         }
         let source = ArrivalSource::CStore;
         if !identity.is_image {
             if !self.ignores_other_objects {
-                return Ok(Status::ClassNotSupported);
+                return Err(Refusal::ANOTHER_CLASS);
             }
             let by = &self.event.who;
             if identity.rejection.is_some() && !self.may_reject {
                 let refused = self.arrivals.refuse_rejection(identity, source, by);
                 refused.await?;
-                return Ok(Status::NotAuthorized);
+                return Err(Refusal::MAY_NOT_REJECT);
             }
             return Ok(match self.arrivals.ignore(identity, source, by).await? {
                 true => Status::Corrected,
@@ -492,11 +504,11 @@ impl Messages<'_> {
         if received != Some(&Reception::Refused) {
             *self.studies.entry(study).or_default() += 1;
         }
-        Ok(match received {
-            Some(Reception::Corrected) => Status::Corrected,
-            Some(Reception::Refused) => Status::CannotUnderstand,
-            Some(Reception::New | Reception::Known) | None => Status::Success,
-        })
+        match received {
+            Some(Reception::Corrected) => Ok(Status::Corrected),
+            Some(Reception::Refused) => Err(Refusal::NOT_BETTER),
+            Some(Reception::New | Reception::Known) | None => Ok(Status::Success),
+        }
     }
 
     /// Whether an object is of a class of which nothing is kept.
@@ -511,27 +523,6 @@ impl Messages<'_> {
 /// Whether an object is a list, such as a rejection note.
 fn is_list(request: &Request) -> bool {
     matches!(request, Request::Store { object, .. } if object.sop_class_uid == REJECTION_NOTE)
-}
-
-/// The status for an error of the application.
-fn status_of(error: &Error) -> Status {
-    match error {
-        Error::StorageFull | Error::Busy | Error::Unavailable | Error::StoreUnusable(_) => {
-            Status::OutOfResources
-        }
-        Error::StorageFailed(cause) => {
-            tracing::error!(
-                error = cause as &dyn std::error::Error,
-                "an image could not be stored"
-            );
-            Status::OutOfResources
-        }
-        Error::Failure(_) => Status::CannotUnderstand,
-        error => {
-            tracing::error!(%error, "an image could not be stored");
-            Status::ProcessingFailure
-        }
-    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Command sets (PS3.7 §6.3): a few short elements in implicit little endian.
 
+use crate::refusal::{Refusal, Status, error_comment};
+
 /// Verification (PS3.4 A).
 pub(crate) const VERIFICATION: &str = "1.2.840.10008.1.1";
 
@@ -20,9 +22,6 @@ const MEDIUM_PRIORITY: u16 = 0x0000;
 
 /// Each association of ours has one request.
 const OUR_MESSAGE_ID: u16 = 1;
-
-/// Error Comment (0000,0902) is a long string (LO).
-const MOST_OF_COMMENT: usize = 64;
 
 /// The class and the instance of an object.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -46,21 +45,6 @@ pub(crate) enum Request {
         command_field: u16,
         has_data_set: bool,
     },
-}
-
-/// A status (PS3.7 C, PS3.4 B.2.3).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Status {
-    Success = 0x0000,
-    /// A warning: coercion of data elements.
-    Corrected = 0xB000,
-    OutOfResources = 0xA700,
-    DataSetDoesNotMatch = 0xA900,
-    CannotUnderstand = 0xC000,
-    ProcessingFailure = 0x0110,
-    ClassNotSupported = 0x0122,
-    NotAuthorized = 0x0124,
-    UnrecognisedOperation = 0x0211,
 }
 
 impl Request {
@@ -99,13 +83,12 @@ impl Request {
         }
     }
 
-    /// The response to it.
-    pub(crate) fn response(&self, status: Status) -> Vec<u8> {
-        self.response_with(status, "")
-    }
-
-    /// The response to it with the beginning of a sentence that says why, unless that is empty.
-    pub(crate) fn response_with(&self, status: Status, why: &str) -> Vec<u8> {
+    /// The response to it, with the beginning of the sentence that says why it was refused.
+    pub(crate) fn response(&self, answer: &Result<Status, Refusal>) -> Vec<u8> {
+        let (status, why) = match answer {
+            Ok(status) => (*status, ""),
+            Err(refusal) => (refusal.status, &*refusal.why),
+        };
         let (field, message_id) = match self {
             Self::Echo { message_id } => (C_ECHO, *message_id),
             Self::Store { message_id, .. } => (C_STORE, *message_id),
@@ -128,8 +111,7 @@ impl Request {
         element(&mut elements, 0x0800, &NO_DATA_SET.to_le_bytes());
         element(&mut elements, 0x0900, &(status as u16).to_le_bytes());
         if !why.is_empty() {
-            let is_plain = |c: &char| (' '..='~').contains(c) && *c != '\\';
-            let comment: String = why.chars().filter(is_plain).take(MOST_OF_COMMENT).collect();
+            let comment = error_comment(why);
             let even = comment.len().next_multiple_of(2);
             element(&mut elements, 0x0902, format!("{comment:even$}").as_bytes());
         }
@@ -270,15 +252,16 @@ mod tests {
             },
         };
         assert_eq!(request, expected);
-        let response = request.response(Status::OutOfResources);
+        let response = request.response(&Ok(Status::Success));
         let group_length = u32::from_le_bytes(response[8..12].try_into().unwrap());
         assert_eq!(group_length as usize, response.len() - 12);
         assert_eq!(Request::parse(&response), None, "it is no request");
-        let reasoned = request.response_with(Status::CannotUnderstand, "“Rows” is missing");
+        let refused = Refusal::new(Status::OutOfResources, "“Rows” is missing");
+        let refused = request.response(&Err(refused));
         let comment = b"\x00\x00\x02\x09\x10\x00\x00\x00Rows is missing ";
-        assert!(memchr::memmem::find(&reasoned, comment).is_some());
+        assert!(memchr::memmem::find(&refused, comment).is_some());
         let status = [0, 0, 0x00, 0x09, 2, 0, 0, 0, 0x00, 0xA7];
-        assert!(memchr::memmem::find(&response, &status).is_some());
+        assert!(memchr::memmem::find(&refused, &status).is_some());
     }
 
     #[test]
@@ -308,14 +291,17 @@ mod tests {
         let request = Request::parse(&store_request(&object)).unwrap();
         let message_id = OUR_MESSAGE_ID;
         assert_eq!(request, Request::Store { message_id, object });
-        let response = request.response(Status::OutOfResources);
-        assert_eq!(status_of_response(&response), Some(0xA700));
+        let response = request.response(&Ok(Status::Corrected));
+        assert_eq!(status_of_response(&response), Some(0xB000));
         assert_eq!(status_of_response(&response[..40]), None);
         let echo = Request::Echo { message_id };
-        let echoed = echo.response(Status::Success);
+        let echoed = echo.response(&Ok(Status::Success));
         assert_eq!(status_of_response(&echoed), Some(0));
         let other = Request::parse(&store()).unwrap();
-        assert_eq!(status_of_response(&other.response(Status::Success)), None);
+        assert_eq!(
+            status_of_response(&other.response(&Ok(Status::Success))),
+            None
+        );
     }
 
     #[test]
@@ -342,7 +328,7 @@ mod tests {
             }
             status_of_response(&set);
             if let Some(request) = Request::parse(&set) {
-                request.response(Status::Success);
+                request.response(&Ok(Status::Success));
             }
         }
     }

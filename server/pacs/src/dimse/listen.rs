@@ -7,6 +7,7 @@ use case::Client;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
+use tracing::Instrument as _;
 
 use crate::dimse::association::{Abort, Caller, associate};
 use crate::dimse::counts::Rejection;
@@ -76,7 +77,9 @@ pub async fn serve(
             }
             continue;
         };
-        associations.spawn(async move {
+        let calling = tracing::field::Empty;
+        let span = tracing::info_span!("association", %address, calling);
+        let association = async move {
             let _permit = permit;
             let caller = Caller {
                 address,
@@ -88,7 +91,8 @@ pub async fn serve(
                 },
             };
             serve_one(stream, &caller, &arrivals, &options).await;
-        });
+        };
+        associations.spawn(association.instrument(span));
     }
     drop(listener);
     let ended = async { while associations.join_next().await.is_some() {} };
@@ -124,13 +128,12 @@ async fn serve_one(
         let stream = secured(stream, caller.patience, options).await?;
         associate(stream, caller, arrivals, options).await
     };
-    let address = caller.address;
     match tokio::time::timeout(options.whole, association).await {
-        Ok(Ok(0)) => tracing::debug!(%address, "an association ended"),
-        Ok(Ok(images)) => tracing::info!(%address, images, "images were stored by C-STORE"),
+        Ok(Ok(0)) => tracing::debug!("an association ended"),
+        Ok(Ok(images)) => tracing::info!(images, "images were stored by C-STORE"),
         // It has a line of its own.
         Ok(Err(Abort::Rejected)) => {}
-        Ok(Err(error)) => tracing::info!(%address, %error, "an association was aborted"),
-        Err(_elapsed) => tracing::info!(%address, "an association took too long"),
+        Ok(Err(error)) => tracing::info!(%error, "an association was aborted"),
+        Err(_elapsed) => tracing::info!("an association took too long"),
     }
 }

@@ -283,7 +283,8 @@ mod tests {
     use std::borrow::Cow;
 
     use super::*;
-    use crate::dimse::command::{Request, Status};
+    use crate::dimse::command::Request;
+    use crate::refusal::Status;
     use dicom_ul::pdu::{
         AssociationRJ, AssociationRJResult, AssociationRJServiceProviderPresentationReason,
         AssociationRJServiceUserReason, AssociationRJSource, AssociationRQ,
@@ -415,7 +416,7 @@ mod tests {
                     return data_set;
                 };
                 if is_data && value.is_last {
-                    let response = Request::parse(&command).unwrap().response(status);
+                    let response = Request::parse(&command).unwrap().response(&Ok(status));
                     let parts = fragments(&response, PDataValueType::Command, CONTEXT, 64);
                     for part in parts {
                         wire.send(&Pdu::PData { data: vec![part] }).await.unwrap();
