@@ -888,6 +888,12 @@ async fn a_closed_layer_is_listed_and_neither_drawn_nor_sent_and_has_no_map() {
     assert_eq!(closed(server, &case).await, Value::Null);
     assert_eq!(not_valid().await, [Value::Null, json!("closed")]);
     assert_eq!(never_sent(server, &[waiting]).await, ["closed"]);
+    // The report does not show it, and is sent.
+    let report = json!({"what": "report", "node": "away"});
+    let report = result(server, &case, &report).await;
+    assert_eq!(report.status, 202, "{report:?}");
+    assert_eq!(report.json()["not_valid"], Value::Null);
+    sent(server).await;
     let note = json!({"what": "key-object", "node": "away",
         "key_object": {"instances": [results[1]], "title": "rejected-for-safety"}});
     let noted = result(server, &case, &note).await;

@@ -204,6 +204,10 @@ impl From<StoreError> for Error {
             StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
             StoreError::Mismatch(_) | StoreError::AccessDenied(_) | StoreError::ClocksDiffer(_) => {
+                tracing::warn!(
+                    error = &error as &dyn std::error::Error,
+                    "the store cannot be used"
+                );
                 Self::StoreUnusable(error.to_string())
             }
             full if full.is_full() => Self::StorageFull,

@@ -13,9 +13,10 @@ use storage::{NewJob, Spooled, StoreError};
 use crate::identity::InstanceIdentity;
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
+use crate::refusal::{Refusal, Refusals};
 use crate::state::Pacs;
 use crate::transfer::{TransferError, end};
-use crate::values::ArrivalSource;
+use crate::values::{ArrivalSource, Reception};
 
 pub(crate) const FETCH: JobKind = JobKind::new("fetch", "retrieval");
 
@@ -122,6 +123,8 @@ enum FetchError {
     Cases(#[from] Error),
     #[error("the node sent nothing that is an MR or CT image of this series")]
     NoImages,
+    #[error("none of the {0} images of the node is kept: better ones came with their UIDs before")]
+    Refused(usize),
     #[error("the node sent {received} of {expected} images")]
     Incomplete { received: usize, expected: usize },
 }
@@ -143,7 +146,10 @@ impl TransferError for FetchError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),
-            Self::Parts(PartsError::TooLarge(_)) | Self::NoSuchNode | Self::NoImages => false,
+            Self::Parts(PartsError::TooLarge(_))
+            | Self::NoSuchNode
+            | Self::NoImages
+            | Self::Refused(_) => false,
             Self::Cases(Error::Failure(_)) => false,
             Self::Parts(_) | Self::Cases(_) | Self::Incomplete { .. } => true,
         }
@@ -154,7 +160,7 @@ impl TransferError for FetchError {
             Self::NoSuchNode => "no-such-node",
             Self::Node(error) => error.kind(),
             Self::Parts(_) | Self::Incomplete { .. } => "node-failed",
-            Self::NoImages => "no-images",
+            Self::NoImages | Self::Refused(_) => "no-images",
             Self::Cases(_) => "retrieval-failed",
         };
         // Messages of the store may contain paths.
@@ -181,18 +187,23 @@ async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<()
         expected,
         batch: Vec::new(),
         received: 0,
+        refused: 0,
+        refusals: Refusals::of(ArrivalSource::Retrieval),
     };
     images.read(node).await?;
-    let received = images.received;
+    let Images {
+        received, refused, ..
+    } = images;
     match expected {
         _ if received == 0 => return Err(FetchError::NoImages),
         Some(expected) if received < expected => {
             return Err(FetchError::Incomplete { received, expected });
         }
+        _ if refused == received => return Err(FetchError::Refused(refused)),
         _ => {}
     }
     // All that the node has is here: the series need not wait.
-    pacs.store().expect(&uids, received).await?;
+    pacs.store().expect(&uids, received - refused).await?;
     let progress = Received { received, expected };
     let progress = serde_json::to_string(&progress).ok();
     let store = pacs.cases().store();
@@ -208,6 +219,9 @@ struct Images<'a> {
     /// Read, and not durable yet.
     batch: Vec<(InstanceIdentity, Spooled)>,
     received: usize,
+    /// Of these, those that are not kept.
+    refused: usize,
+    refusals: Refusals,
 }
 
 impl Images<'_> {
@@ -238,7 +252,14 @@ impl Images<'_> {
         let count = batch.len();
         if count > 0 {
             let source = ArrivalSource::Retrieval;
-            self.pacs.arrivals().receive(batch, source).await?;
+            let receptions = self.pacs.arrivals().receive(batch, source).await?;
+            for _ in receptions
+                .iter()
+                .filter(|became| **became == Reception::Refused)
+            {
+                self.refused += 1;
+                self.refusals.add(&Refusal::NOT_BETTER);
+            }
         }
         self.received += count;
         self.job.report(&Received {

@@ -45,7 +45,7 @@ impl Refusal {
 
     pub(crate) const NOT_BETTER: Self = Self::new(
         Status::CannotUnderstand,
-        "it cannot be decoded or placed, and an image with its UID can; that one stays",
+        "a better image came with its UID: decodable, placed or lossless",
     );
 
     pub(crate) const MAY_NOT_REJECT: Self = Self::new(
@@ -102,28 +102,41 @@ pub(crate) fn error_comment(why: &str) -> String {
     why.chars().filter(is_plain).take(MOST_OF_COMMENT).collect()
 }
 
-/// How many objects of a request or an association were refused, by reason.
-#[derive(Debug, Default)]
-pub(crate) struct Refusals(BTreeMap<Cow<'static, str>, usize>);
+/// How many objects of a request, an association or a retrieval were refused, by reason. A line of the log for each reason is written when
+/// this is dropped, however that ends.
+#[derive(Debug)]
+pub(crate) struct Refusals {
+    source: ArrivalSource,
+    objects: BTreeMap<Cow<'static, str>, usize>,
+}
 
 impl Refusals {
+    /// None yet of what comes in this way.
+    pub(crate) fn of(source: ArrivalSource) -> Self {
+        Self {
+            source,
+            objects: BTreeMap::new(),
+        }
+    }
+
     /// Counts an object. A rejection note that is not permitted has a line of its own.
     pub(crate) fn add(&mut self, refusal: &Refusal) {
         if refusal.status == Status::NotAuthorized {
             return;
         }
-        let is_room = self.0.len() < MOST_REASONS || self.0.contains_key(&refusal.why);
+        let is_room = self.objects.len() < MOST_REASONS || self.objects.contains_key(&refusal.why);
         let why = match is_room {
             true => refusal.why.clone(),
             false => OTHER_REASONS.into(),
         };
-        *self.0.entry(why).or_default() += 1;
+        *self.objects.entry(why).or_default() += 1;
     }
+}
 
-    /// Writes a line for each reason.
-    pub(crate) fn log(&self, source: ArrivalSource) {
-        for (reason, objects) in &self.0 {
-            let source = source.name();
+impl Drop for Refusals {
+    fn drop(&mut self) {
+        for (reason, objects) in &self.objects {
+            let source = self.source.name();
             tracing::warn!(source, objects, reason = &**reason, "objects were refused");
         }
     }
@@ -135,7 +148,7 @@ mod tests {
 
     #[test]
     fn each_reason_is_counted_once_and_not_without_end() {
-        let mut refusals = Refusals::default();
+        let mut refusals = Refusals::of(ArrivalSource::Stow);
         for number in 0..90 {
             refusals.add(&Refusal::ANOTHER_CLASS);
             refusals.add(&Refusal::MAY_NOT_REJECT);
@@ -144,8 +157,8 @@ mod tests {
                 why: format!("element {number} cannot be read").into(),
             });
         }
-        assert_eq!(refusals.0.len(), MOST_REASONS + 1);
-        assert_eq!(refusals.0[&*Refusal::ANOTHER_CLASS.why], 90);
-        assert_eq!(refusals.0[OTHER_REASONS], 90 - (MOST_REASONS - 1));
+        assert_eq!(refusals.objects.len(), MOST_REASONS + 1);
+        assert_eq!(refusals.objects[&*Refusal::ANOTHER_CLASS.why], 90);
+        assert_eq!(refusals.objects[OTHER_REASONS], 90 - (MOST_REASONS - 1));
     }
 }

@@ -37,10 +37,8 @@ const NOT_DICOM: Refusal = Refusal::new(
     "the part has another media type than application/dicom",
 );
 
-const TOO_LARGE: Refusal = Refusal::new(
-    Status::OutOfResources,
-    "it is larger than an image may be, which is 512 MiB",
-);
+const TOO_LARGE: Refusal =
+    Refusal::new(Status::OutOfResources, "it is larger than an image may be");
 
 const ANOTHER_STUDY: Refusal = Refusal::new(
     Status::DataSetDoesNotMatch,
@@ -130,12 +128,11 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         study,
         batch: Vec::new(),
         report: Report::default(),
-        refusals: Refusals::default(),
+        refusals: Refusals::of(ArrivalSource::Stow),
         stored: StoredImages::default(),
     };
     let parts = Parts::new(request.into_body(), &boundary, *limits);
     let received = images.receive(parts).await;
-    images.refusals.log(ArrivalSource::Stow);
     let mut response = match received {
         Ok(()) => std::mem::take(&mut images.report).answer(),
         Err(error) => error.into_response(),

@@ -130,7 +130,7 @@ pub(crate) enum Reception {
     Known,
     /// It is another one than the last with its UID, and counts from now on.
     Corrected,
-    /// It has the UID of an image that can be decoded and placed, and cannot be itself: that one stays.
+    /// A better image came with its UID, one that can be decoded and placed or is lossless: that one counts.
     Refused,
 }
 

@@ -6,19 +6,19 @@ use std::time::Duration;
 use clap::Args;
 use imaging::sniff;
 
-use super::common::StoreArgs;
+use super::common::{StoreArgs, set_some};
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
-use crate::config::store_options;
+use crate::start::StartError;
 use case::images::Image;
 use case::{CaseId, CaseState, Parameters};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
-use cases::{Library, LibraryOptions};
+use cases::{Library, open_library};
 use pipeline::{Limits, Source};
-use storage::{Opening, Store};
+use storage::Store;
 
 /// The time for the worker to finish.
 pub(super) const GRACE: Duration = Duration::from_secs(5);
@@ -39,22 +39,27 @@ pub(super) struct PrepareArgs {
     layers: LayerOptions,
 }
 
-/// Prepares a volume.
+/// Prepares a volume, as a server with the same settings would; what else waits in the store may be prepared meanwhile.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
-    let config = args.store.config()?;
-    let location = config.location()?;
+    let mut config = args.store.config()?;
+    config.storage.create = true;
+    config.prepares_apart = true;
+    set_some(&mut config.prepare.network, args.options.network.as_ref());
     let (source, images) = super::block_on(source(&args.volume, &args.options))?;
+    if config.pacs.deidentify && source.dicom.is_some() {
+        let why = "`pacs.deidentify` is set, and `prepare` keeps what DICOM files state of the patient; upload them to the server";
+        return Err(CliError::new(ExitStatus::Config, why));
+    }
     let parameters = args.options.parameters(args.name.clone())?;
-    let pipeline = args.options.pipeline(&config)?;
     let layers = args.layers.layers()?;
     super::keep_files_private();
+    let options = cases::Options {
+        // They are made when somebody asks for them.
+        makes_maps: false,
+        ..config.cases()?
+    };
     super::block_on(async {
-        let options = storage::Options {
-            opening: Opening::OrMake,
-            ..store_options()
-        };
-        let store = Store::open(location, options).await?;
-        let library = Library::new(store, pipeline.into(), LibraryOptions::default());
+        let library = open_library(&options).await.map_err(StartError::from)?;
         into_store(library, source, images, parameters, layers).await
     })
 }

@@ -143,7 +143,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     let refused = request.presentation_contexts.len() - contexts.len();
     if refused > 0 {
         let why = "for another service, or in a transfer syntax that is not known";
-        tracing::info!(
+        tracing::debug!(
             contexts = refused,
             why,
             "presentation contexts were refused"
@@ -164,12 +164,11 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         peer: &request.calling_ae_title,
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
-        refusals: Refusals::default(),
+        refusals: Refusals::of(ArrivalSource::CStore),
     };
     let peer_max_length = peer_max_length(&request.user_variables);
     let ended = exchange(wire, &mut messages, peer_max_length, options).await;
     messages.record_end(ended.is_ok()).await;
-    messages.refusals.log(ArrivalSource::CStore);
     ended
 }
 

@@ -78,7 +78,8 @@ pub async fn serve(
             continue;
         };
         let calling = tracing::field::Empty;
-        let span = tracing::info_span!("association", %address, calling);
+        // Its fields stand on warnings, so that it must be there whenever they are.
+        let span = tracing::error_span!("association", %address, calling);
         let association = async move {
             let _permit = permit;
             let caller = Caller {

@@ -124,8 +124,9 @@ impl Composer {
                 (Content::Findings(plan, findings), outline)
             }
             Plan::Report(query) => {
-                // Known before they are drawn: one that is withdrawn meanwhile is noticed.
-                let layers = cases.layers(&id).await?;
+                // Known before they are drawn: one that is withdrawn meanwhile is noticed. What is closed already is not shown.
+                let mut layers = cases.layers(&id).await?;
+                layers.retain(|layer| layer.closed.is_none());
                 let made_at = findings::last_change(&cases.findings(&id).await?.list);
                 let subject = ReportSubject::Named(&source);
                 let pdf = cases.report(&id, query, ReportFormat::Pdf, subject).await?;

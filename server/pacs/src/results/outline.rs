@@ -19,7 +19,7 @@ pub(super) struct Outline {
     pub(super) class: &'static str,
     /// What viewers show in their list, without the name of the program.
     pub(super) shown: String,
-    /// How the pixels are made; empty for documents, which have none.
+    /// How the pixels are made; documents do not state it.
     pub(super) derivation: String,
     /// Whether identifying text is burned into the pixels.
     pub(super) is_annotated: bool,

@@ -5,16 +5,16 @@ use case::{CandidateFacts, MapName};
 use render::NamedView;
 
 use super::{
-    Block, Facts, Line, Overview, Picture, Table, caveat, gyrus_of, millimetres, place_of, position,
+    Block, Facts, Line, MAX_CANDIDATES, Overview, Picture, Table, caveat, gyrus_of, millimetres,
+    place_of, position,
 };
 use crate::pictures::{DEPTHS_MM, Shot};
 use crate::words::Words;
 use crate::{ListedMap, Reason, Report, ReportMaps};
 
-/// The most places of the map in the tables, in the cerebrum and elsewhere.
-const MAX_CANDIDATES: usize = 20;
+/// The most places outside of the cerebrum in a table.
 const MAX_ELSEWHERE: usize = 5;
-/// The same of a map for which no limit is known.
+/// The most places of a map for which no limit is known.
 const MAX_UNJUDGED: usize = 5;
 
 impl Report {

@@ -3,7 +3,8 @@
 use case::{MapName, QualityState};
 
 use super::{
-    Block, Facts, Line, Picture, Table, caveat, certainty_of, gyrus_of, place_of, side_of,
+    Block, Facts, Line, MAX_CANDIDATES, Picture, Table, caveat, certainty_of, gyrus_of, place_of,
+    side_of,
 };
 use crate::words::Words;
 use crate::{Report, ReportedFinding, ShownPatient};
@@ -93,7 +94,8 @@ impl Report {
             (MapName::Blur, &maps.blur),
             (MapName::Thickness, &maps.thickness),
         ] {
-            let all = list.places.iter().filter(|place| place.stands_out());
+            let listed = list.places.iter().take(MAX_CANDIDATES);
+            let all = listed.filter(|place| place.stands_out());
             let left = all.clone().filter(|place| !self.is_kept(map, place));
             match [all.count(), left.count()] {
                 [0, _] if map == MapName::Blur => {

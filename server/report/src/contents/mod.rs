@@ -11,6 +11,9 @@ use crate::pictures::Shot;
 use crate::words::Words;
 use crate::{ListedMap, Reason, Report};
 
+/// The most places of a map that are told and listed.
+const MAX_CANDIDATES: usize = 20;
+
 /// The contents of a report.
 pub(crate) struct Contents<'a> {
     /// The tag of its language (BCP 47).

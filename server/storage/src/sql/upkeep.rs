@@ -1,4 +1,4 @@
-//! What the upkeep of a store asks the rows: how much there is, and how old the rows are.
+//! What the upkeep of a store asks the rows: how much there is.
 
 use super::connection::{Row, microseconds};
 use super::expiry::count_expired;
