@@ -29,7 +29,7 @@ use pipeline::{Derived, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
-use worker::{ChildBudget, ChildMemory, Granted};
+use worker::{ChildBudget, ChildMemory, MemoryPermit};
 
 /// What a library may take, and what it makes.
 #[derive(Debug, Clone, Copy)]
@@ -198,10 +198,10 @@ impl Library {
     }
 
     /// Waits until there is memory for a preparation, if it has a process of its own.
-    pub(crate) async fn memory_to_prepare(&self) -> Granted {
+    pub(crate) async fn memory_to_prepare(&self) -> MemoryPermit {
         match self.inner.preparation.is_apart {
             true => self.children().take_to_prepare().await,
-            false => Granted::default(),
+            false => MemoryPermit::default(),
         }
     }
 

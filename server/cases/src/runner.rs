@@ -255,20 +255,22 @@ impl Lane {
         );
         let (progress, mut seen) = watch::channel(None);
         let ended = match self.attend(work, &claim, progress, &seen).await {
-            Attended::Ended(Ok(End::Done)) => self.store.finish(&claim, Ok(())).await,
-            Attended::Ended(Ok(End::Settled)) => Ok(true),
-            Attended::Ended(Err(Failed::Forever(failure))) => self.fail(&claim, &failure).await,
-            Attended::Ended(Err(Failed::ForNow(failure))) => {
+            AttemptOutcome::Ended(Ok(End::Done)) => self.store.finish(&claim, Ok(())).await,
+            AttemptOutcome::Ended(Ok(End::Settled)) => Ok(true),
+            AttemptOutcome::Ended(Err(Failed::Forever(failure))) => {
+                self.fail(&claim, &failure).await
+            }
+            AttemptOutcome::Ended(Err(Failed::ForNow(failure))) => {
                 self.try_again(&claim, failure, &work.terms()).await
             }
-            Attended::Ended(Err(Failed::Waiting(failure))) => {
+            AttemptOutcome::Ended(Err(Failed::Waiting(failure))) => {
                 self.wait(&claim, failure, &work.terms()).await
             }
-            Attended::Lost => {
+            AttemptOutcome::Lost => {
                 tracing::info!(kind, job, case = case.as_deref(), "a job was cancelled");
                 Ok(true)
             }
-            Attended::Stopped => {
+            AttemptOutcome::Stopped => {
                 tracing::info!(
                     kind,
                     job,
@@ -317,7 +319,7 @@ impl Lane {
         claim: &Claim,
         progress: watch::Sender<Option<String>>,
         seen: &watch::Receiver<Option<String>>,
-    ) -> Attended {
+    ) -> AttemptOutcome {
         let job = Running {
             claim: claim.clone(),
             is_cancelled: Arc::default(),
@@ -338,19 +340,19 @@ impl Lane {
                 ended = running.join_next() => {
                     let ended = ended.and_then(Result::ok);
                     let crashed = || Err(Failed::Forever(crashed(claim.kind)));
-                    return Attended::Ended(ended.unwrap_or_else(crashed));
+                    return AttemptOutcome::Ended(ended.unwrap_or_else(crashed));
                 }
                 () = &mut limit => {
                     let failure = too_slow(claim.kind, longest);
-                    return Attended::Ended(Err(Failed::Forever(failure)));
+                    return AttemptOutcome::Ended(Err(Failed::Forever(failure)));
                 }
                 _ = heartbeat.tick() => {
                     let progress = seen.borrow().clone();
                     if !self.renew(claim, progress.as_deref()).await {
-                        return Attended::Lost;
+                        return AttemptOutcome::Lost;
                     }
                 }
-                () = until(&mut phase, Phase::Stopping) => return Attended::Stopped,
+                () = until(&mut phase, Phase::Stopping) => return AttemptOutcome::Stopped,
             }
         }
     }
@@ -449,7 +451,7 @@ pub async fn once(store: &Store, work: Arc<dyn Work>) -> bool {
 }
 
 /// How an attempt ended.
-enum Attended {
+enum AttemptOutcome {
     Ended(Result<End, Failed>),
     /// What it was about was deleted, or another process has the lease.
     Lost,

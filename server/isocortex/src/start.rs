@@ -11,7 +11,7 @@ use axum::Router;
 use cases::{BeforeRemoval, Cases, Library};
 use http::uploads::UploadLimits;
 use pacs::Pacs;
-use service::app::{Beside, app_beside};
+use service::app::{ProtocolRoutes, app_with};
 use service::state::{AppState, HttpOptions};
 use storage::DatabaseAddress;
 
@@ -294,8 +294,8 @@ pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
 /// Everything that is served over HTTP.
 pub fn router(state: &AppState, pacs: &Pacs) -> Router {
     let pacs::Guarded { uploads, answers } = pacs::guarded_routes(pacs);
-    let beside = Beside { uploads, answers };
-    app_beside(state.clone(), beside)
+    let beside = ProtocolRoutes { uploads, answers };
+    app_with(state.clone(), beside)
 }
 
 /// Opens the store for preparing cases only; `audit` as for [`open`].

@@ -42,7 +42,7 @@ pub use self::background::start_transfers;
 pub use self::node_tests::test_in_words;
 pub use self::series::{ArrivalOptions, Arrivals, SeriesRule, start_series_reader};
 pub use self::state::{Options, Pacs};
-pub use self::store::{CopiedStep, ImageStatus, OfPacs, PacsStore, PacsTables};
+pub use self::store::{CopiedStep, CopyCounts, ImageStatus, PacsStore, PacsTables};
 
 /// The routes that need a token. Each states what the token must permit, and what is recorded.
 pub struct Guarded {

@@ -44,7 +44,7 @@ const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
 ];
 
 /// Routes of another protocol that need a token, which stand beside those of the service and behind the same guards.
-pub struct Beside {
+pub struct ProtocolRoutes {
     /// Those that take files, which have the time of an upload.
     pub uploads: GuardedRoutes<()>,
     /// The others, which have the time of an answer.
@@ -58,7 +58,7 @@ pub fn app(state: AppState) -> Router {
 }
 
 /// As [`app`], with the routes of another protocol.
-pub fn app_beside(state: AppState, beside: Beside) -> Router {
+pub fn app_with(state: AppState, beside: ProtocolRoutes) -> Router {
     let (routes, openapi) = routes::all(&state);
     let in_time =
         middleware::from_fn_with_state(AnswerTimeout::from_ref(&state), routes::answer_in_time);

@@ -20,7 +20,7 @@ pub use child::run_instead;
 pub use confine::{Confinement, hide};
 pub use error::Error;
 pub use headers::FileReader;
-pub use memory::{ChildBudget, ChildMemory, Granted};
+pub use memory::{ChildBudget, ChildMemory, MemoryPermit};
 pub use prepare::PrepareProcess;
 #[cfg(any(test, feature = "testing"))]
 pub use prepare::prepare_by;

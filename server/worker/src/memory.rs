@@ -79,7 +79,7 @@ pub struct ChildMemory {
 /// Until this is dropped, a process may use its memory.
 #[derive(Debug, Default)]
 #[must_use]
-pub struct Granted {
+pub struct MemoryPermit {
     _parts: Vec<Option<OwnedSemaphorePermit>>,
 }
 
@@ -102,17 +102,17 @@ impl ChildMemory {
 
     /// Waits for as much memory as a process may use that reads files, in the order of those who ask. One that may use more than there is gets
     /// all of it.
-    pub async fn take(&self, bytes: u64) -> Granted {
-        Granted {
+    pub async fn take(&self, bytes: u64) -> MemoryPermit {
+        MemoryPermit {
             _parts: vec![self.all.take(bytes).await],
         }
     }
 
     /// Waits for as much memory as a preparation may use. Preparations leave room for a series, as far as there is any.
-    pub async fn take_to_prepare(&self) -> Granted {
+    pub async fn take_to_prepare(&self) -> MemoryPermit {
         let bytes = self.preparation_bytes;
         let of_preparations = self.preparations.take(bytes).await;
-        Granted {
+        MemoryPermit {
             _parts: vec![of_preparations, self.all.take(bytes).await],
         }
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
-use pacs::{CopiedStep, OfPacs, PacsStore};
+use pacs::{CopiedStep, CopyCounts, PacsStore};
 use storage::upkeep::{self, Copied, CopyStep};
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress, Opening, Options, Store};
 use tempfile::TempDir;
@@ -82,7 +82,7 @@ fn report(step: CopyStep, copied: &Copied) {
     }
 }
 
-fn report_of_pacs(step: CopiedStep, copied: &OfPacs) {
+fn report_of_pacs(step: CopiedStep, copied: &CopyCounts) {
     match step {
         CopiedStep::Done if copied.series.is_multiple_of(100) => {
             eprintln!("{} so far", words(copied));
@@ -92,7 +92,7 @@ fn report_of_pacs(step: CopiedStep, copied: &OfPacs) {
     }
 }
 
-fn words(of_pacs: &OfPacs) -> String {
+fn words(of_pacs: &CopyCounts) -> String {
     format!(
         "{} series with {} images, {} results",
         of_pacs.series, of_pacs.images, of_pacs.results

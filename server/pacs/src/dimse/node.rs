@@ -110,8 +110,8 @@ impl StorageNode {
     /// [`NotStored`]. The node may have it nevertheless, if its answer was lost.
     pub async fn store(&self, file: &Bytes) -> Result<(), NotStored> {
         let object = Object::read(file.clone()).ok_or(NotStored::Object)?;
-        let errand = Errand::Store(Box::new(object));
-        let stored = tokio::time::timeout(WHOLE, self.connect_and_do(errand)).await;
+        let operation = Operation::Store(Box::new(object));
+        let stored = tokio::time::timeout(WHOLE, self.connect_and_do(operation)).await;
         stored.map_err(|_elapsed| NotStored::Silent)?
     }
 
@@ -120,11 +120,11 @@ impl StorageNode {
     /// # Errors
     /// [`NotStored`], in the words of storing, since that is what would fail.
     pub async fn echo(&self) -> Result<(), NotStored> {
-        let answered = tokio::time::timeout(ECHO, self.connect_and_do(Errand::Echo)).await;
+        let answered = tokio::time::timeout(ECHO, self.connect_and_do(Operation::Echo)).await;
         answered.map_err(|_elapsed| NotStored::Silent)?
     }
 
-    async fn connect_and_do(&self, errand: Errand) -> Result<(), NotStored> {
+    async fn connect_and_do(&self, operation: Operation) -> Result<(), NotStored> {
         let stream = tokio::time::timeout(CONNECT, TcpStream::connect(&self.address)).await;
         let stream = stream.map_err(|_elapsed| NotStored::Unreachable)?;
         let stream = stream.map_err(|_| NotStored::Unreachable)?;
@@ -132,22 +132,22 @@ impl StorageNode {
             tracing::debug!(%error, "TCP_NODELAY refused");
         }
         let Some((tls, name)) = &self.tls else {
-            return self.do_over(stream, errand).await;
+            return self.do_over(stream, operation).await;
         };
         let connecting = TlsConnector::from(Arc::clone(tls)).connect(name.clone(), stream);
         let stream = tokio::time::timeout(CONNECT, connecting).await;
         let stream = stream.map_err(|_elapsed| NotStored::Silent)?;
         let stream = stream.map_err(WireError::Lost)?;
-        self.do_over(stream, errand).await
+        self.do_over(stream, operation).await
     }
 
     async fn do_over<S: AsyncRead + AsyncWrite + Unpin>(
         &self,
         stream: S,
-        errand: Errand,
+        operation: Operation,
     ) -> Result<(), NotStored> {
         let mut wire = Wire::new(stream, IDLE);
-        let done = self.associate_and_do(&mut wire, errand).await;
+        let done = self.associate_and_do(&mut wire, operation).await;
         // The node may be gone, and what it has stored stays stored.
         let _ = match done {
             Ok(()) | Err(NotStored::Status(_) | NotStored::Class) => release(&mut wire).await,
@@ -163,11 +163,11 @@ impl StorageNode {
     async fn associate_and_do<S: AsyncRead + AsyncWrite + Unpin>(
         &self,
         wire: &mut Wire<S>,
-        errand: Errand,
+        operation: Operation,
     ) -> Result<(), NotStored> {
-        let class = match &errand {
-            Errand::Echo => VERIFICATION,
-            Errand::Store(object) => object.head.object.sop_class_uid.as_str(),
+        let class = match &operation {
+            Operation::Echo => VERIFICATION,
+            Operation::Store(object) => object.head.object.sop_class_uid.as_str(),
         };
         let request = request_to_store(CONTEXT, class, &self.our_aet, &self.aet);
         wire.send(&Pdu::AssociationRQ(request)).await?;
@@ -179,15 +179,15 @@ impl StorageNode {
         };
         let syntax = accepted_syntax(&answer)?;
         let max_length = peer_max_length(&answer.user_variables);
-        let object = match errand {
-            Errand::Echo => {
+        let object = match operation {
+            Operation::Echo => {
                 let command = echo_request();
                 for part in fragments(&command, PDataValueType::Command, CONTEXT, max_length) {
                     wire.send(&Pdu::PData { data: vec![part] }).await?;
                 }
                 return is_stored(status(wire).await?);
             }
-            Errand::Store(object) => object.in_syntax(syntax).await?,
+            Operation::Store(object) => object.in_syntax(syntax).await?,
         };
         let command = store_request(&object.head.object);
         let command = fragments(&command, PDataValueType::Command, CONTEXT, max_length);
@@ -200,7 +200,7 @@ impl StorageNode {
 }
 
 /// What an association is for.
-enum Errand {
+enum Operation {
     Echo,
     Store(Box<Object>),
 }
@@ -430,7 +430,9 @@ mod tests {
         let (here, there) = tokio::io::duplex(1000);
         let playing = tokio::spawn(play(there, node));
         let object = Object::read(file()).unwrap();
-        let sent = ours().do_over(here, Errand::Store(Box::new(object))).await;
+        let sent = ours()
+            .do_over(here, Operation::Store(Box::new(object)))
+            .await;
         (sent, playing.await.unwrap())
     }
 

@@ -18,7 +18,7 @@ const IMAGES_AT_ONCE: usize = 32;
 
 /// How many series with how many images have come, and how many results there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct OfPacs {
+pub struct CopyCounts {
     pub series: u64,
     pub images: u64,
     pub results: u64,
@@ -34,7 +34,7 @@ pub enum CopiedStep {
 }
 
 /// Receives each step with the result so far.
-type Report<'r> = &'r mut (dyn FnMut(CopiedStep, &OfPacs) + Send);
+type Report<'r> = &'r mut (dyn FnMut(CopiedStep, &CopyCounts) + Send);
 
 impl PacsStore {
     /// Copies what was sent last and what is rejected, also of what is not kept any more: it says what is closed.
@@ -82,8 +82,8 @@ impl PacsStore {
         other: &Self,
         copied: &mut Copied,
         report: Report<'_>,
-    ) -> Result<OfPacs, StoreError> {
-        let (mut of_pacs, mut after) = (OfPacs::default(), None);
+    ) -> Result<CopyCounts, StoreError> {
+        let (mut of_pacs, mut after) = (CopyCounts::default(), None);
         loop {
             let (page, next) = self
                 .arrivals(&ArrivalQuery::default(), after.as_ref(), ROWS_AT_ONCE)
@@ -131,7 +131,7 @@ impl PacsStore {
         other: &Self,
         arrival: &Arrival,
         copied: &mut Copied,
-        of_pacs: &mut OfPacs,
+        of_pacs: &mut CopyCounts,
     ) -> Result<Vec<ObjectName>, StoreError> {
         let images = self.images_of(&arrival.uids).await?;
         // An earlier copy may have what was corrected or rejected since.
@@ -182,7 +182,7 @@ impl PacsStore {
         other: &Self,
         result: &SentResult,
         copied: &mut Copied,
-        of_pacs: &mut OfPacs,
+        of_pacs: &mut CopyCounts,
     ) -> Result<bool, StoreError> {
         // The layers that it shows may be gone.
         let made = Made::result(&result.case, &result.id);

@@ -20,7 +20,7 @@ use storage::args;
 use storage::tables::{Row, microseconds};
 use storage::{Store, StoreError};
 
-pub use self::copy::{CopiedStep, OfPacs};
+pub use self::copy::{CopiedStep, CopyCounts};
 use self::counts::ImageCounts;
 pub use self::counts::ImageStatus;
 pub(crate) use self::results::REJECTION_NOTE;
@@ -110,7 +110,7 @@ impl PacsStore {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn count(&self) -> Result<OfPacs, StoreError> {
+    pub async fn count(&self) -> Result<CopyCounts, StoreError> {
         let mut connection = self.store.connect().await?;
         let row = connection
             .fetch_one(
@@ -120,7 +120,7 @@ impl PacsStore {
             )
             .await?;
         let count = |column| row.get::<i64>(column).map(i64::unsigned_abs);
-        Ok(OfPacs {
+        Ok(CopyCounts {
             series: count("series")?,
             images: count("images")?,
             results: count("results")?,

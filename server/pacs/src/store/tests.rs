@@ -15,7 +15,7 @@ use storage::{LayerName, LayerUpload, Made, ObjectName, Options, Store, StoreErr
 use tempfile::TempDir;
 
 use super::conformance::{Subject, new_result, open, queue};
-use super::{CopiedStep, OfPacs, PacsStore};
+use super::{CopiedStep, CopyCounts, PacsStore};
 use crate::values::{
     ArrivalSource, ArrivalState, DueTerms, NewInstance, NewResult, Outcome, Reception, SEND,
     SERIES, TransferQuery,
@@ -191,9 +191,9 @@ async fn an_inspection_reads_the_images_of_a_pacs() {
 }
 
 /// Copies what came from a PACS, and returns the result with the objects that were not copied.
-async fn copied_of_pacs(from: &PacsStore, to: &PacsStore) -> (Copied, OfPacs, Vec<ObjectName>) {
+async fn copied_of_pacs(from: &PacsStore, to: &PacsStore) -> (Copied, CopyCounts, Vec<ObjectName>) {
     let (mut copied, mut lost) = (Copied::default(), Vec::new());
-    let mut report = |step: CopiedStep, _: &OfPacs| match step {
+    let mut report = |step: CopiedStep, _: &CopyCounts| match step {
         CopiedStep::Lost(name) => lost.push(name),
         CopiedStep::Done => {}
     };
@@ -250,7 +250,7 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     let (case, images, result) = a_kept_series(&from).await;
     copied(&from, &to).await;
     let (first, of_pacs, lost) = copied_of_pacs(&from, &to).await;
-    let whole = OfPacs {
+    let whole = CopyCounts {
         series: 1,
         images: 3,
         results: 1,
