@@ -136,6 +136,9 @@ impl PacsStore {
     /// # Errors
     /// If the rows cannot be written.
     pub(crate) async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
+        if instances.is_empty() {
+            return Ok(());
+        }
         let (mut transaction, now) = self.store.write().await?;
         let at = timestamp(now)?;
         for instance in instances {
