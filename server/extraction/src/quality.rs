@@ -418,16 +418,14 @@ impl Quality {
             let name = AXES[axis];
             self.say(review_if(is_mixed), "slices-order", || {
                 format!(
-                    "along its {name} axis, neighbouring slices of the volume differ {order:.2} times as much as slices two apart, but in a \
-                     sound head 0.5 to 0.7 times. Slices that are exchanged or mirrored do so, and also large parts that are filled with fluid \
-                     or noise, or scattered bright voxels; compare the slices with the original images"
+                    "along its {name} axis, neighbouring slices differ {order:.2} times as much as slices two apart (sound heads: 0.5 to 0.7): are \
+                     slices exchanged or mirrored, or large parts fluid or noise, or single voxels very bright? Compare the original images"
                 )
             });
             self.say(review_if(is_moved && !is_mixed), "slices-step", || {
                 format!(
-                    "along its {name} axis, two neighbouring slices of the volume, at {:.0} % of the brain, differ {step:.1} times as much as \
-                     those around them. A part of the head that was mirrored or moved begins so, and also one that is filled with fluid, or \
-                     a slice with very bright voxels; compare the slices with the original images",
+                    "along its {name} axis, two neighbouring slices, at {:.0} % of the brain, differ {step:.1} times as much as those around them: \
+                     was a part mirrored or moved, or is it fluid or very bright? Compare the original images",
                     100.0 * step_at
                 )
             });
