@@ -4,8 +4,6 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::CaseId;
-
 /// The longest UID (PS3.5 §9.1).
 const MAX_UID_LENGTH: usize = 64;
 
@@ -114,7 +112,6 @@ pub struct SeriesUids {
 /// The series of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CaseSeries {
-    pub case: CaseId,
     pub uids: SeriesUids,
     /// The accession number of the study.
     pub accession_number: Option<AccessionNumber>,

@@ -8,7 +8,7 @@ use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload, upk
 
 use crate::application::Cases;
 use crate::error::Error;
-use crate::series::SeriesOfUpload;
+use crate::series::series_of_stored;
 
 /// What became of the objects that no row named.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -70,18 +70,21 @@ impl Cases {
                     mask: files.remove(&ObjectKind::SourceMask),
                     dicom: files.remove(&ObjectKind::SourceDicom),
                     images: Vec::new(),
+                    series: None,
                 };
                 // Without its mask, or somebody's attributes, it would be another case.
                 if upload.case_id(parameters) != case {
                     return Ok(Again::Impossible);
                 }
                 let label = self.label_of(&upload).await?;
-                let series = SeriesOfUpload::read(&upload).await?;
-                if !upkeep::adopt(store, manifest_name, manifest, label).await? {
-                    return Ok(Again::Known);
+                let series = match &upload.dicom {
+                    Some(stored) => series_of_stored(&stored.read().await?),
+                    None => None,
+                };
+                match upkeep::adopt(store, manifest_name, manifest, label, series).await? {
+                    true => Ok(Again::Case),
+                    false => Ok(Again::Known),
                 }
-                self.index(case, series).await?;
-                Ok(Again::Case)
             }
             Manifested::Layer { id, parameters, .. } => {
                 let dicom = files.get(&ObjectKind::SourceDicom).map(Spooled::digest);
@@ -91,7 +94,7 @@ impl Cases {
                 if LayerId::of(volume.digest(), dicom, parameters) != *id {
                     return Ok(Again::Impossible);
                 }
-                match upkeep::adopt(store, manifest_name, manifest, None).await {
+                match upkeep::adopt(store, manifest_name, manifest, None, None).await {
                     Ok(true) => Ok(Again::Layer(*id)),
                     Ok(false) => Ok(Again::Known),
                     Err(StoreError::NoSuchCase) => Ok(Again::Impossible),

@@ -17,7 +17,7 @@ use crate::application::Cases;
 use crate::client::{in_store, this_client};
 use crate::dicom::{Choice, Form, Input, Options};
 use crate::error::Error;
-use crate::series::SeriesOfUpload;
+use crate::series::series_of_stored;
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -78,6 +78,7 @@ impl Cases {
                         mask,
                         dicom: None,
                         images: Vec::new(),
+                        series: None,
                     };
                     return Ok((upload, None));
                 }
@@ -91,6 +92,7 @@ impl Cases {
         let upload = Upload {
             volume: store.spools().take(reading.file()).await?,
             mask,
+            series: series_of_stored(&attributes),
             dicom: Some(store.spools().of(attributes).await?),
             images: reading.images,
         };
@@ -154,11 +156,8 @@ impl Cases {
         if parameters.name.is_none() {
             parameters.name = self.label_of(&upload).await?;
         }
-        let series = SeriesOfUpload::read(&upload).await?;
         let store = self.store_of_client();
-        let submitted = store.submit(upload, parameters, previous, renames).await?;
-        self.index(submitted.case.id, series).await?;
-        Ok(submitted)
+        Ok(store.submit(upload, parameters, previous, renames).await?)
     }
 
     /// The store for the client of this request.
@@ -187,7 +186,6 @@ impl Cases {
         let store = self.store_of_client();
         let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
-        self.index_version(&of, submitted.case.id).await?;
         tracing::info!(
             case = submitted.case.id.short(),
             of = of.short(),

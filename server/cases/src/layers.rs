@@ -10,7 +10,6 @@ use crate::dicom::{Choice, Options, SeriesView};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
 use crate::pictures::LayerRef;
-use crate::series::SeriesOfUpload;
 
 /// A layer to be added, with its received files.
 #[derive(Debug)]
@@ -103,7 +102,6 @@ impl Cases {
         if self.is_of_patient(&files, &new.case).await? == Some(false) {
             return Err(of_another_patient().into());
         }
-        let of_series = SeriesOfUpload::read(&files).await?;
         let has_options = new.options.series.is_some() || new.options.allow_gaps;
         if choice.is_none() && has_options {
             return Err(Error::Parameter {
@@ -123,7 +121,7 @@ impl Cases {
             case: new.case,
             volume: files.volume,
             dicom: files.dicom,
-            series: of_series.map(|of_series| of_series.series().clone()),
+            series: files.series.map(|series| series.uids.series),
             images: files.images,
             name: new
                 .name

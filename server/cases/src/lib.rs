@@ -37,3 +37,4 @@ pub use library::{Library, LibraryOptions, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};
 pub use patient::Patient;
 pub use removal::{BeforeRemoval, remove_expired};
+pub use series::series_of;

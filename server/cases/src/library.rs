@@ -18,6 +18,7 @@ pub use self::layers::LayerVoxels;
 pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
 use crate::removal::BeforeRemoval;
+use crate::series::series_of_stored;
 use bytes::Bytes;
 use case::images::Image;
 use case::{
@@ -248,6 +249,7 @@ impl Library {
             Some(bytes) => Some(self.store().spools().of(bytes).await?),
             None => None,
         };
+        let series = source.dicom.as_deref().and_then(series_of_stored);
         let dicom = match source.dicom {
             Some(bytes) => Some(self.store().spools().of(bytes).await?),
             None => None,
@@ -257,6 +259,7 @@ impl Library {
             mask,
             dicom,
             images,
+            series,
         };
         self.store().submit(upload, parameters, None, true).await
     }

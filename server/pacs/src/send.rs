@@ -163,7 +163,7 @@ async fn contradiction(
     let series = series::of_case(&mut connection, &result.case).await?;
     drop(connection);
     if let Some(series) = series {
-        return arrivals.contradiction(&series).await;
+        return arrivals.contradiction(&result.case, &series.uids).await;
     }
     match arrivals.patient_of(result.object).await? {
         Some(named) => {

@@ -20,7 +20,7 @@ pub(crate) use self::series::*;
 use super::jobs::{JobQuery, NewJob, Release};
 use super::label::Label;
 use super::objects::Objects;
-use super::rows::{NewCase, Pinned, Published, Referred, Relabel, Sweep};
+use super::rows::{NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
 use super::tables::{cases, jobs};
 use super::testing::{claim, facts, failure, job, keep, name, new_case, pinned, rename, waiting};
@@ -113,6 +113,7 @@ macro_rules! conformance {
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
                 cases_are_found_by_their_series
+                a_case_and_its_series_are_written_together_and_what_is_lost_of_it_comes_again
                 cases_are_searched_by_what_they_are_and_whose
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
@@ -585,8 +586,7 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
         store.insert_case(&new).await.unwrap(),
         Referred::Unneeded(_)
     ));
-    let known = store.uploaded_again(&again, None, Relabel::None, None);
-    assert!(known.await.unwrap().is_some());
+    assert!(store.uploaded_again(&new).await.unwrap().is_some());
     let case = store.case(&again).await.unwrap().unwrap();
     assert!(case.uploaded_at > case.created_at);
     subject.pass(120);

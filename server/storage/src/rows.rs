@@ -12,7 +12,7 @@
 use std::time::Duration;
 
 use case::images::Image;
-use case::series::Uid;
+use case::series::{CaseSeries, Uid};
 use case::{Case, CaseId, Contrast, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
@@ -26,8 +26,10 @@ pub(crate) struct NewCase {
     pub parameters: Parameters,
     /// The case of which it is a version.
     pub previous: Option<CaseId>,
-    /// The images that it is made of; those of `previous` if there is nothing here.
+    /// The images that it is made of; those of `previous`, and its series, if there is nothing here.
     pub images: Option<Vec<Image>>,
+    /// The series that it is made of.
+    pub series: Option<CaseSeries>,
     /// Whether a case that is there already gets the label of the parameters.
     pub relabel: Relabel,
     /// Its source objects and its manifest: durable, and pinned.

@@ -5,6 +5,7 @@ use super::rows::{Made, NewCase, Pinned, Referred, Relabel, Submitted};
 use super::tables::made;
 use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::images::Image;
+use case::series::CaseSeries;
 use case::{CaseId, JobKind, ObjectKind, Parameters};
 
 /// The files of an upload.
@@ -17,6 +18,8 @@ pub struct Upload {
     pub dicom: Option<Spooled>,
     /// The images that the volume is made of, if it comes from DICOM.
     pub images: Vec<Image>,
+    /// Its series, if the volume comes from DICOM.
+    pub series: Option<CaseSeries>,
 }
 
 /// A version of a case: its volume, with another mask or other parameters.
@@ -87,16 +90,12 @@ impl Upload {
     }
 }
 
-/// The sources of a case.
+/// A case and its sources.
 struct Inputs<'a> {
-    id: CaseId,
-    /// The files; files that are stored already, as objects of `previous`, have no path.
+    /// The case; nothing of it is pinned yet.
+    new: NewCase,
+    /// The files; files that are stored already, as objects of the previous case, have no path.
     sources: Vec<(ObjectName, Option<&'a Spooled>)>,
-    previous: Option<CaseId>,
-    /// The images; those of `previous` if there is nothing here.
-    images: Option<Vec<Image>>,
-    parameters: Parameters,
-    relabel: Relabel,
 }
 
 impl Store {
@@ -118,18 +117,22 @@ impl Store {
     ) -> Result<Submitted, StoreError> {
         let store = self.clone();
         let submit = async move {
-            let inputs = Inputs {
+            let new = NewCase {
                 id: upload.case_id(&parameters),
-                sources: source_files(&upload),
+                parameters,
                 previous,
                 images: Some(upload.images.clone()),
-                parameters,
+                series: upload.series.clone(),
                 relabel: match renames {
                     true => Relabel::Any,
                     false => Relabel::Unlabelled,
                 },
+                sources: Pinned::new([]),
+                queue_limit: store.options().queue_limit,
+                client: store.client.to_string(),
             };
-            let submitted = store.submit_now(inputs).await?;
+            let sources = source_files(&upload);
+            let submitted = store.submit_now(Inputs { new, sources }).await?;
             submitted.ok_or_else(|| StoreError::Rows("an upload lacks its own files".into()))
         };
         tokio::spawn(submit).await?
@@ -156,15 +159,18 @@ impl Store {
             let Some(id) = id_of(&sources, &parameters) else {
                 return Ok(None);
             };
-            let inputs = Inputs {
+            let new = NewCase {
                 id,
-                sources,
+                parameters,
                 previous: Some(version.of),
                 images: None,
-                parameters,
+                series: None,
                 relabel: Relabel::None,
+                sources: Pinned::new([]),
+                queue_limit: store.options().queue_limit,
+                client: store.client.to_string(),
             };
-            store.submit_now(inputs).await
+            store.submit_now(Inputs { new, sources }).await
         };
         tokio::spawn(submit).await?
     }
@@ -181,7 +187,7 @@ impl Store {
             .as_ref()
             .is_some_and(|submitted| submitted.created)
         {
-            self.signals().changed(&inputs.id);
+            self.signals().changed(&inputs.new.id);
             self.signals().queued();
         }
         Ok(submitted.map(|Submitted { case, created }| Submitted {
@@ -191,13 +197,10 @@ impl Store {
     }
 
     async fn try_to_submit(&self, inputs: &Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
-        if self.has_files(inputs).await? {
-            let (name, images) = (inputs.parameters.name.as_deref(), inputs.images.as_deref());
-            let known = self.uploaded_again(&inputs.id, name, inputs.relabel, images);
-            if let Some(case) = known.await? {
-                let created = false;
-                return Ok(Some(Submitted { case, created }));
-            }
+        if self.has_files(inputs).await?
+            && let Some(known) = self.uploaded_again(&inputs.new).await?
+        {
+            return Ok(Some(known));
         }
         self.check_room(JobKind::PREPARE).await?;
         self.insert(inputs).await
@@ -215,21 +218,16 @@ impl Store {
 
     /// Writes the sources and the manifest, and inserts the case. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
+        let new = &inputs.new;
         let names = inputs.sources.iter().map(|(name, _)| *name);
-        let images = match (&inputs.images, &inputs.previous) {
+        let images = match (&new.images, &new.previous) {
             (Some(images), _) => images.clone(),
             (None, Some(previous)) => {
                 made::of(&mut self.connect().await?, &Made::case(previous)).await?
             }
             (None, None) => Vec::new(),
         };
-        let manifest = Manifest::of_case(
-            inputs.id,
-            names,
-            &inputs.parameters,
-            inputs.previous,
-            images,
-        );
+        let manifest = Manifest::of_case(new.id, names, &new.parameters, new.previous, images);
         let manifest = manifest.framed()?;
         let sources = inputs.sources.iter().map(|(name, file)| match file {
             Some(file) => Writing::File(*name, file),
@@ -238,7 +236,7 @@ impl Store {
         let objects: Vec<_> = sources.chain([Writing::Framed(&manifest)]).collect();
         let insert = |sources: Pinned| async move {
             // After they are pinned, the objects of the other case will stay.
-            let stored = match &inputs.previous {
+            let stored = match &new.previous {
                 Some(previous) => self.objects_of(previous).await?,
                 None => Vec::new(),
             };
@@ -249,14 +247,8 @@ impl Store {
                 return Ok(Referred::Unneeded(None));
             }
             let new = NewCase {
-                id: inputs.id,
-                parameters: inputs.parameters.clone(),
-                previous: inputs.previous,
-                images: inputs.images.clone(),
-                relabel: inputs.relabel,
                 sources,
-                queue_limit: self.options().queue_limit,
-                client: self.client.to_string(),
+                ..new.clone()
             };
             Ok(match self.insert_case(&new).await? {
                 Referred::Done(submitted) => Referred::Done(Some(submitted)),

@@ -18,7 +18,7 @@ pub mod cases {
 
 /// Statements about the series that cases were made of.
 pub mod series {
-    pub use crate::sql::series::{cases_of, of_case};
+    pub use crate::sql::series::{cases_of, index, of_case};
 }
 
 /// Statements about jobs.

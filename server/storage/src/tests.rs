@@ -15,7 +15,7 @@ use case::{CaseFacts, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 use tempfile::TempDir;
 
 use super::testing::{
-    assert_nothing_left_over, claim, facts, failure, files_below, objects_below, waiting,
+    assert_nothing_left_over, claim, facts, failure, files_below, new_case, objects_below, waiting,
 };
 use super::*;
 
@@ -38,6 +38,7 @@ async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>)
         },
         dicom: None,
         images: Vec::new(),
+        series: None,
     }
 }
 
@@ -91,6 +92,15 @@ async fn an_upload_is_queued_once_and_again_after_it_has_failed() {
     let again = submit(&store, "volume").await.unwrap();
     assert!(again.created, "a failed one is queued again");
     assert_nothing_left_over(&store, directory.path()).await;
+}
+
+#[tokio::test]
+async fn whether_an_upload_is_there_is_known_without_the_writer() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let new = new_case(&store, "volume").await;
+    let _writing = store.write().await.unwrap();
+    assert_eq!(store.uploaded_again(&new).await.unwrap(), None);
 }
 
 #[tokio::test]

@@ -43,6 +43,7 @@ impl Setup {
             mask,
             dicom: None,
             images: Vec::new(),
+            series: None,
         }
     }
 

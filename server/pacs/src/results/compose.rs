@@ -79,7 +79,7 @@ impl Composer {
         }
         let source = source(cases, &id, asked).await?;
         if let Some(series) = series.filter(|_| !is_rejection)
-            && let Some(why) = pacs.arrivals().contradiction(&series).await?
+            && let Some(why) = pacs.arrivals().contradiction(&id, &series.uids).await?
         {
             return Err(several_patients(format!(
                 "{why}; use a case of what the PACS has sent"

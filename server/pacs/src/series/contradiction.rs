@@ -1,6 +1,7 @@
 //! Whether the PACS has sent images of a case, or of its study, as those of another patient, in words.
 
-use case::series::{CaseSeries, Uid};
+use case::CaseId;
+use case::series::{SeriesUids, Uid};
 use cases::{Error, Patient};
 use storage::ObjectName;
 
@@ -16,13 +17,14 @@ impl Arrivals {
     /// If the store cannot be reached.
     pub(crate) async fn contradiction(
         &self,
-        of: &CaseSeries,
+        of: &CaseId,
+        series: &SeriesUids,
     ) -> Result<Option<&'static str>, Error> {
-        let Some(source) = self.cases.attributes_of(&of.case).await? else {
+        let Some(source) = self.cases.attributes_of(of).await? else {
             return Ok(None);
         };
         let own = Patient::of(|keyword| source.value(keyword));
-        let is_another = self.are_sent_of_another(&of.uids, &own).await?;
+        let is_another = self.are_sent_of_another(series, &own).await?;
         Ok(is_another.then_some(
             "the PACS has sent images of the series of the case as those of another patient",
         ))

@@ -128,8 +128,8 @@ impl Arrivals {
     pub(crate) async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
         let all = cases_of(&mut self.cases.store().connect().await?, query).await?;
-        for series in all {
-            let case = self.cases.store().case(&series.case).await?;
+        for (case, series) in all {
+            let case = self.cases.store().case(&case).await?;
             let Some(case) = case.filter(|case| case.closed.is_none()) else {
                 continue;
             };
@@ -182,7 +182,6 @@ mod tests {
                 expires_at: None,
             },
             series: CaseSeries {
-                case: id,
                 uids: SeriesUids {
                     study: uid("1.2"),
                     series: uid(series),

@@ -121,12 +121,12 @@ impl Arrivals {
         let mut without_case: Vec<_> = others.filter(is_other).collect();
         // Arrivals are forgotten before their cases. What was corrected says nothing any more, nor what the series has a head instead of.
         let cases = cases_of(&mut self.cases.store().connect().await?, query).await?;
-        for series in cases {
-            let case = self.cases.store().case(&series.case).await?;
+        for (id, series) in cases {
+            let case = self.cases.store().case(&id).await?;
             if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
                 continue;
             }
-            let source = self.cases.attributes_of(&series.case).await?;
+            let source = self.cases.attributes_of(&id).await?;
             let patient = source.map(|source| Patient::of(|keyword| source.value(keyword)));
             if heads_of(series.uids.clone()).next().is_some() {
                 continue;
@@ -188,10 +188,10 @@ impl Arrivals {
         let patients = self.patients_of_series(&telling).await?;
         let mut patients: Vec<_> = patients.into_iter().flatten().collect();
         let cases = cases_of(&mut self.cases.store().connect().await?, &query).await?;
-        for series in cases {
-            let case = self.cases.store().case(&series.case).await?;
+        for (id, _) in cases {
+            let case = self.cases.store().case(&id).await?;
             if case.is_some_and(|case| case.closed.is_none())
-                && let Some(source) = self.cases.attributes_of(&series.case).await?
+                && let Some(source) = self.cases.attributes_of(&id).await?
             {
                 patients.push(Patient::of(|keyword| source.value(keyword)));
             }

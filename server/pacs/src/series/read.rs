@@ -14,8 +14,8 @@ use case::{
 use cases::dicom::{Options, Purpose, copy_objects};
 use cases::layers::ReceivedLayer;
 use cases::runner::{End, Failed, Runner, Running, Terms, Work};
-use cases::{Error, VolumeFiles};
-use storage::tables::{layers, made};
+use cases::{Error, VolumeFiles, series_of};
+use storage::tables::{layers, made, series};
 use storage::{Count, Made, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
 
@@ -183,8 +183,13 @@ impl Arrivals {
             due.taken.is_some() && !due.is_corrected,
         ) {
             Becomes::Known(case) => {
-                // From now on they have not come again.
+                let attributes = self.cases.attributes_of(&case).await?;
                 let (mut transaction, _) = self.cases.store().write().await?;
+                // It may have been made before its series was written with it.
+                if let Some(of) = attributes.as_ref().and_then(series_of) {
+                    series::index(&mut transaction, &case, &of).await?;
+                }
+                // From now on they have not come again.
                 made::make(&mut transaction, &Made::case(&case), &upload.images).await?;
                 transaction.commit().await?;
                 return Ok(Outcome::Case(case));

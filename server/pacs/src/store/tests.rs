@@ -208,6 +208,7 @@ async fn a_kept_series(store: &PacsStore) -> (CaseId, [ObjectName; 3], String) {
         mask: None,
         dicom: None,
         images: Vec::new(),
+        series: None,
     };
     let submitted = store
         .store()

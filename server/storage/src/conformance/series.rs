@@ -4,9 +4,10 @@ use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, Seri
 use case::{CaseId, CaseState};
 
 use super::Subject;
+use crate::rows::NewCase;
 use crate::tables::series::{cases_of, of_case};
 use crate::testing::{claim, new_case, rename};
-use crate::{CaseQuery, Store};
+use crate::{CaseQuery, Store, args};
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
@@ -19,45 +20,40 @@ fn series(number: u32) -> SeriesUids {
     }
 }
 
-async fn a_case(store: &Store, contents: &str) -> CaseId {
-    let new = new_case(store, contents).await;
+async fn a_case(store: &Store, contents: &str, series: Option<CaseSeries>) -> NewCase {
+    let new = NewCase {
+        series,
+        ..new_case(store, contents).await
+    };
     store.insert_case(&new).await.unwrap();
-    new.id
+    new
+}
+
+async fn series_of(store: &Store, case: &CaseId) -> Option<CaseSeries> {
+    let mut connection = store.connect().await.unwrap();
+    of_case(&mut connection, case).await.unwrap()
 }
 
 pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     let store = &subject.store;
-    let [first, second] = [a_case(store, "a").await, a_case(store, "b").await];
     let of_first = CaseSeries {
-        case: first,
         uids: series(1),
         accession_number: AccessionNumber::parse("A1"),
         patient: None,
     };
-    store.index_series(&of_first).await.unwrap();
     let of_second = CaseSeries {
-        case: second,
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
         patient: None,
     };
-    for _ in 0..2 {
-        store.index_series(&of_second).await.unwrap();
-    }
-    assert_eq!(
-        of_case(&mut store.connect().await.unwrap(), &second)
-            .await
-            .unwrap(),
-        Some(of_second)
-    );
+    let first = a_case(store, "a", Some(of_first)).await.id;
+    let second = a_case(store, "b", Some(of_second.clone())).await.id;
+    assert_eq!(series_of(store, &second).await, Some(of_second));
     let found = async |query| {
         let found = cases_of(&mut store.connect().await.unwrap(), &query)
             .await
             .unwrap();
-        found
-            .into_iter()
-            .map(|series| series.case)
-            .collect::<Vec<_>>()
+        found.into_iter().map(|(case, _)| case).collect::<Vec<_>>()
     };
     let mut both = found(SeriesQuery::Study(uid("1.2.3"), None)).await;
     both.sort_by_key(|id| *id == second);
@@ -72,6 +68,51 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     assert_eq!(found(number("A2")).await, []);
 }
 
+pub(crate) async fn a_case_and_its_series_are_written_together_and_what_is_lost_of_it_comes_again(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    let one = Some(CaseSeries {
+        uids: series(1),
+        accession_number: AccessionNumber::parse("A1"),
+        patient: PatientDigest::of("P-1"),
+    });
+    let another = CaseSeries {
+        uids: series(2),
+        ..one.clone().unwrap()
+    };
+    let case = a_case(store, "a", one.clone()).await;
+    assert_eq!(series_of(store, &case.id).await, one);
+    a_case(store, "a", Some(another)).await;
+    assert_eq!(series_of(store, &case.id).await, one, "it stays");
+    let version = NewCase {
+        previous: Some(case.id),
+        images: None,
+        ..new_case(store, "version").await
+    };
+    store.insert_case(&version).await.unwrap();
+    assert_eq!(series_of(store, &version.id).await, one);
+
+    lose_series(store).await;
+    assert_eq!(series_of(store, &case.id).await, None);
+    for known in [&case, &version] {
+        let again = store.uploaded_again(known).await.unwrap().unwrap();
+        assert!(!again.created);
+        assert_eq!(series_of(store, &known.id).await, one);
+    }
+    lose_series(store).await;
+    a_case(store, "a", one.clone()).await;
+    assert_eq!(series_of(store, &case.id).await, one);
+}
+
+/// Empties the index.
+async fn lose_series(store: &Store) {
+    let (mut transaction, _) = store.write().await.unwrap();
+    let deleted = transaction.execute("DELETE FROM case_series", args![]);
+    deleted.await.unwrap();
+    transaction.commit().await.unwrap();
+}
+
 pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subject) {
     let store = &subject.store;
     let mut cases = Vec::new();
@@ -79,27 +120,17 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
         .into_iter()
         .enumerate()
     {
-        let case = a_case(store, label).await;
+        // The third is no DICOM.
+        let series = ["P-1", "P-2"].get(number).map(|id| CaseSeries {
+            uids: series(number as u32 + 1),
+            accession_number: AccessionNumber::parse("A7").filter(|_| number == 0),
+            patient: PatientDigest::of(id),
+        });
+        let case = a_case(store, label, series.clone()).await.id;
+        assert_eq!(series_of(store, &case).await, series);
         rename(store, &case, label).await;
         cases.push(store.case(&case).await.unwrap().unwrap());
         subject.pass(60);
-        // The third is no DICOM.
-        let ids = ["P-1", "P-2"];
-        if let Some(id) = ids.get(number) {
-            let series = CaseSeries {
-                case,
-                uids: series(number as u32 + 1),
-                accession_number: AccessionNumber::parse("A7").filter(|_| number == 0),
-                patient: PatientDigest::of(id),
-            };
-            store.index_series(&series).await.unwrap();
-            assert_eq!(
-                of_case(&mut store.connect().await.unwrap(), &case)
-                    .await
-                    .unwrap(),
-                Some(series)
-            );
-        }
     }
     let running = claim(store).await.unwrap();
     let running = CaseId::parse(&running.key).unwrap();

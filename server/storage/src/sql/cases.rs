@@ -4,12 +4,12 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row, Value, containing};
 use super::made::{self, read_closed};
-use super::{findings, jobs, layers, owners};
+use super::{findings, jobs, layers, owners, series};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{CaseChange, Made, NewCase, Pinned, Published, Referred, Relabel, Submitted};
+use crate::rows::{CaseChange, Made, NewCase, Pinned, Published, Referred, Submitted};
 use crate::{CaseQuery, Cursor, Page, Store, StoreError};
-use case::images::{Closed, Image};
+use case::images::Closed;
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
@@ -79,26 +79,22 @@ impl Store {
         Ok(submitted)
     }
 
-    /// A case that was uploaded again, with this label and made of these images. `None`, and nothing has changed, if it must be inserted
-    /// or queued again.
+    /// A case that is there and was uploaded again. `None`, and nothing has changed, if it must be inserted or queued again: then
+    /// nobody waits for the writer.
     pub(crate) async fn uploaded_again(
         &self,
-        id: &CaseId,
-        name: Option<&str>,
-        relabel: Relabel,
-        images: Option<&[Image]>,
-    ) -> Result<Option<Case>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
-        let state = owners::came_again(&mut transaction, id, name, relabel, now).await?;
+        new: &NewCase,
+    ) -> Result<Option<Submitted>, StoreError> {
+        let state = owners::state(&mut self.connect().await?, (&new.id).into()).await?;
         if state.is_none_or(|state| state == CaseState::Failed) {
             return Ok(None);
         }
-        if let Some(images) = images.filter(|images| !images.is_empty()) {
-            made::make(&mut transaction, &Made::case(id), images).await?;
-        }
-        let case = one(&mut transaction, id).await?;
+        let (mut transaction, now) = self.write().await?;
+        let Referred::Unneeded(known) = submit(&mut transaction, new, now).await? else {
+            return Ok(None);
+        };
         transaction.commit().await?;
-        Ok(case)
+        Ok(Some(known))
     }
 
     /// Renames a case, or keeps it for good or no longer; returns whether it exists.
@@ -330,12 +326,18 @@ async fn submitted(
     Ok(Submitted { case, created })
 }
 
-/// Writes of which images a case is made.
+/// Writes of which images and of which series a case is made.
 async fn make(connection: &mut Connection, new: &NewCase) -> Result<(), StoreError> {
+    if let Some(series) = &new.series {
+        series::index(connection, &new.id, series).await?;
+    }
     match (&new.images, &new.previous) {
         (Some(own), _) if own.is_empty() => Ok(()),
         (Some(own), _) => made::make(connection, &Made::case(&new.id), own).await,
-        (None, Some(previous)) => made::inherit(connection, &new.id, previous).await,
+        (None, Some(previous)) => {
+            series::inherit(connection, &new.id, previous).await?;
+            made::inherit(connection, &new.id, previous).await
+        }
         (None, None) => Ok(()),
     }
 }

@@ -5,34 +5,42 @@ use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, Seri
 
 use super::connection::{Connection, Row, unreadable};
 use super::made::read_uid;
+use crate::StoreError;
 use crate::args;
-use crate::{Store, StoreError};
 
-impl Store {
-    /// Enters the series of a case into the index; nothing if there is no such case.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
-        transaction
-            .execute(
-                "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
-                 SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
-                 ON CONFLICT (case_id) DO NOTHING",
-                args![
-                    series.case.to_string(),
-                    series.uids.study.as_str(),
-                    series.uids.series.as_str(),
-                    series
-                        .accession_number
-                        .as_ref()
-                        .map(AccessionNumber::as_str),
-                    series.patient.map(PatientDigest::to_hex)
-                ],
-            )
-            .await?;
-        transaction.commit().await
+/// Enters a case under its series, unless it is there; nothing if there is no such case.
+pub async fn index(
+    connection: &mut Connection,
+    case: &CaseId,
+    series: &CaseSeries,
+) -> Result<(), StoreError> {
+    let number = series.accession_number.as_ref();
+    connection
+        .execute(
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
+             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
+             ON CONFLICT (case_id) DO NOTHING",
+            args![
+                case.to_string(),
+                series.uids.study.as_str(),
+                series.uids.series.as_str(),
+                number.map(AccessionNumber::as_str),
+                series.patient.map(PatientDigest::to_hex)
+            ],
+        )
+        .await?;
+    Ok(())
+}
+
+/// Enters a version under the series of its case.
+pub(super) async fn inherit(
+    connection: &mut Connection,
+    case: &CaseId,
+    previous: &CaseId,
+) -> Result<(), StoreError> {
+    match of_case(connection, previous).await? {
+        Some(series) => index(connection, case, &series).await,
+        None => Ok(()),
     }
 }
 
@@ -43,7 +51,7 @@ pub async fn of_case(
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
         .fetch_optional(
-            "SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1",
+            "SELECT study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1",
             args![case.to_string()],
         )
         .await?;
@@ -54,7 +62,7 @@ pub async fn of_case(
 pub async fn cases_of(
     connection: &mut Connection,
     query: &SeriesQuery,
-) -> Result<Vec<CaseSeries>, StoreError> {
+) -> Result<Vec<(CaseId, CaseSeries)>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection.fetch_all(
             "SELECT case_id, study_uid, series_uid, accession_number, patient
@@ -71,12 +79,15 @@ pub async fn cases_of(
             args![number.as_str()],
         ),
     };
-    rows.await?.iter().map(read_case_series).collect()
+    let read = |row: &Row| {
+        let case = read_case(row, "case_id")?.ok_or_else(|| unreadable("a case"))?;
+        Ok((case, read_case_series(row)?))
+    };
+    rows.await?.iter().map(read).collect()
 }
 
 fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
     Ok(CaseSeries {
-        case: read_case(row, "case_id")?.ok_or_else(|| unreadable("a case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         patient: read_patient(row)?,

@@ -36,6 +36,7 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
         parameters: Parameters::default(),
         previous: None,
         images: Some(Vec::new()),
+        series: None,
         relabel: Relabel::Any,
         sources: pinned(store, &[source]).await,
         queue_limit: 100,

@@ -229,6 +229,7 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
             mask: None,
             dicom: None,
             images: Vec::new(),
+            series: None,
         };
         store
             .submit(upload, Parameters::default(), None, false)

@@ -1,6 +1,6 @@
 //! Finds uploads that no row names, by their manifests, and enters them again.
 
-use case::series::Uid;
+use case::series::{CaseSeries, Uid};
 use case::{CaseId, ObjectKind, Parameters};
 
 use crate::manifest::{Manifest, Manifested};
@@ -50,7 +50,7 @@ pub async fn spool_object(store: &Store, name: &ObjectName) -> Result<Option<Spo
     }
 }
 
-/// Makes a case, with this label, or a layer of the sources of a manifest that no row names, and queues it; `false` if it is there. The
+/// Makes a case, with this label and of this series, or a layer of the sources of a manifest that no row names, and queues it; `false` if it is there. The
 /// sources must have been read. Nothing is written but rows, and by one transaction, so that nothing is removed if it fails.
 ///
 /// # Errors
@@ -60,6 +60,7 @@ pub async fn adopt(
     name: &ObjectName,
     manifest: &Manifest,
     label: Option<String>,
+    series: Option<CaseSeries>,
 ) -> Result<bool, StoreError> {
     let objects = manifest.sources().unwrap_or_default().into_iter();
     let sources = Pinned::new(objects.chain([*name]));
@@ -79,6 +80,7 @@ pub async fn adopt(
                 },
                 previous,
                 images: Some(images),
+                series,
                 relabel: Relabel::None,
                 sources,
                 queue_limit: usize::MAX,

@@ -108,8 +108,10 @@ async fn copy_case(
 async fn copy_of_case(from: &Store, to: &Store, id: &CaseId) -> Result<(), StoreError> {
     let series = series::of_case(&mut from.connect().await?, id).await?;
     let known = series::of_case(&mut to.connect().await?, id).await?;
-    if let Some(series) = series.filter(|series| known.as_ref() != Some(series)) {
-        to.index_series(&series).await?;
+    if let Some(series) = series.filter(|_| known.is_none()) {
+        let (mut transaction, _) = to.write().await?;
+        series::index(&mut transaction, id, &series).await?;
+        transaction.commit().await?;
     }
     copy_made_of(from, to, &Made::case(id)).await?;
     let findings = from.findings(id).await?;

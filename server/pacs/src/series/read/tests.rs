@@ -10,7 +10,7 @@ use case::series::Uid;
 use cases::Cases;
 use cases::testing::application;
 use proptest::prelude::*;
-use storage::tables::made;
+use storage::tables::{made, series};
 use storage::{Made, Replaced};
 
 use super::*;
@@ -758,6 +758,28 @@ async fn a_result_of_two_layers_with_two_versions_of_one_image_is_not_sent() {
         Step::Ask { case: 1 },
     ];
     live(&steps).await;
+}
+
+#[tokio::test]
+async fn a_case_that_is_not_found_by_its_series_is_found_when_that_is_read_again() {
+    let mut world = World::new().await;
+    world.step(&send_all(0, 0)).await;
+    assert!(world.read(true).await);
+    let store = world.cases().store().clone();
+    let found = async || {
+        let query = SeriesQuery::Study(uids(0).study, None);
+        let found = series::cases_of(&mut store.connect().await.unwrap(), &query).await;
+        found.unwrap()
+    };
+    let made = found().await;
+    assert_eq!(made.len(), 1);
+    let (mut transaction, _) = store.write().await.unwrap();
+    let lost = transaction.execute("DELETE FROM case_series", Vec::new());
+    lost.await.unwrap();
+    transaction.commit().await.unwrap();
+    assert_eq!(found().await, []);
+    assert!(world.read(false).await);
+    assert_eq!(found().await, made);
 }
 
 #[tokio::test]
