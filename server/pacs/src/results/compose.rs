@@ -31,6 +31,9 @@ const FORMAT: &str = "isocortex result 4";
 /// The number of the first series of results.
 const FIRST_SERIES: u32 = 9100;
 
+/// Writes an object whose pixels are there.
+type Writing = Box<dyn FnOnce(&Head<'_>) -> Result<Vec<u8>, WriteError> + Send>;
+
 /// A result whose UIDs are known and whose pixels are not drawn yet.
 #[derive(Debug)]
 pub(crate) struct Composer {
@@ -231,8 +234,7 @@ impl Composer {
         // A brain without its skull shows no face, as long as the mask is one of a brain.
         let is_sound = quality.is_some_and(|quality| quality.state == QualityState::Ok);
         // Pixels are drawn or read here; the object is written on a thread that may compute.
-        let write: Box<dyn FnOnce(&Head<'_>) -> Result<Vec<u8>, WriteError> + Send> = match content
-        {
+        let write: Writing = match content {
             Content::Pictures(drawing) => {
                 let picture = drawing.draw(cases).await?;
                 Box::new(|head| write::picture(head, picture))
