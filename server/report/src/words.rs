@@ -214,13 +214,14 @@ impl Words {
         self.of_page("gyrus.about")
     }
 
-    /// A map that lists places.
+    /// A map; those that list places have a name for sentences.
     pub(crate) fn map(&self, map: MapName) -> &'static str {
-        self.maps[match map {
-            MapName::Thickness => 1,
-            MapName::Flair => 2,
-            _ => 0,
-        }]
+        match map {
+            MapName::Blur => self.maps[0],
+            MapName::Thickness => self.maps[1],
+            MapName::Flair => self.maps[2],
+            other => self.of_page(&format!("map.{}", other.name())),
+        }
     }
 
     pub(crate) fn standing_out(&self, map: MapName, [all, left]: [usize; 2]) -> String {
@@ -479,6 +480,9 @@ mod tests {
                 words.flair_note(),
             ] {
                 assert!(!text.is_empty());
+            }
+            for map in MapName::ALL {
+                assert!(!words.map(map).is_empty());
             }
             for gyrus in Gyrus::all() {
                 assert!(!words.gyrus(gyrus).is_empty());

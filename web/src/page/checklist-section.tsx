@@ -7,7 +7,7 @@ import { number, t } from "../base/i18n.ts";
 import { BANDS_MM, Checklist, LOBES, LOOKS, type LobeSide, type Look } from "../model/checklist.ts";
 import { PROTOCOLS, isProtocol } from "../model/steps.ts";
 import { choose, preferences } from "../store/preferences.ts";
-import { canShow, stepWords, stepsNow, takeStep } from "../store/steps.ts";
+import { canShow, stepOnScreen, stepWords, stepsNow, takeStep } from "../store/steps.ts";
 import type { Store } from "../store/store.ts";
 import { Button, ChoiceLine, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 
@@ -37,7 +37,7 @@ export function ChecklistSection({ store }: OfStore) {
   const [hasLobes, setHasLobes] = useState(false);
   const [, write] = useState(0);
   const look = (): void =>
-    list.show(document.hidden ? null : store.view.state.value, performance.now(), lobeOf(store), store.step.value);
+    list.show(document.hidden ? null : store.view.state.value, performance.now(), lobeOf(store), stepOnScreen(store));
   useSignalEffect(() => {
     look();
     if (lobeOf(store)) setHasLobes(true);

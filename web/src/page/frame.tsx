@@ -10,7 +10,7 @@ import { doubtsOf } from "../model/quality.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { announced } from "../store/announce.ts";
-import { setLayout } from "../store/commands.ts";
+import { perform, setLayout } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
 import { choose, preferences } from "../store/preferences.ts";
 import type { App } from "./app.ts";
@@ -81,6 +81,14 @@ export function Frame({ app }: OfApp) {
             store={viewer.store}
             made={(one, wasThere) => void app.made(one, wasThere)}
             onScreen={() => viewer.onScreen}
+          />
+        )}
+        {viewer?.store.isAlone.value && (
+          <IconButton
+            icon="close"
+            label={t("close")}
+            class="icon-button leave-alone"
+            onClick={() => perform(viewer.store, { kind: "alone" })}
           />
         )}
       </main>

@@ -304,7 +304,12 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
 /** Copies the address of a finding, which the server has by then. */
 async function link({ shown, findings }: Store, { id }: Finding): Promise<void> {
   const { href } = new URL(findingAddress(shown.id, id), location.href);
-  await findings.sync.flush().catch(() => {});
+  try {
+    await findings.sync.flush();
+  } catch {
+    // It is said that the server lacks it.
+    return;
+  }
   findings.status.value = await copied(href);
 }
 

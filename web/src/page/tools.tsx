@@ -205,7 +205,14 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
         <Button onClick={() => serverPictureDialog(onScreen())}>{t("export.server")}</Button>
         <Button onClick={() => seriesDialog(onScreen(), store.sweep.choice.peek())}>{t("export.series")}</Button>
         {telling(t("export.copy"), copyAddress)}
-        <Button title={keyOf(({ kind }) => kind === "alone")} onClick={() => perform(store, { kind: "alone" })}>
+        <Button
+          title={keyOf(({ kind }) => kind === "alone")}
+          onClick={() => {
+            // Otherwise Escape would close this menu first.
+            document.querySelector<HTMLElement>(".menu:popover-open")?.hidePopover();
+            perform(store, { kind: "alone" });
+          }}
+        >
           {t("alone.show")}
         </Button>
       </Row>

@@ -154,6 +154,7 @@ export class Viewer {
   /** Failed requests are repeated. */
   again(): void {
     this.store.trouble.value = "";
+    if (this.#finding !== "") void this.#readFindings();
     this.#schedule();
   }
 

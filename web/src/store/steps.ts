@@ -2,8 +2,9 @@
 
 import { number, t } from "../base/i18n.ts";
 import { isReady } from "../model/layers.ts";
-import { recalled } from "../model/saved-layouts.ts";
+import { recalled, savedAs } from "../model/saved-layouts.ts";
 import { PROTOCOLS, type Step } from "../model/steps.ts";
+import { clampDepth } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
 import { note } from "./announce.ts";
 import { goToRow } from "./bring.ts";
@@ -31,6 +32,19 @@ export function canShow(store: Store, { shows, surface = "whole" }: Step): boole
   return surface === "whole" || store.refusal.value === "";
 }
 
+/** The step that was gone to, as long as it is on the screen. Places and findings are, wherever their rows lead. */
+export function stepOnScreen({ step, view, shown }: Store): string | null {
+  const gone = stepsNow().find(({ name }) => name === step.value);
+  if (!gone) return null;
+  const { layout, surface, view: seen, depth_mm } = savedAs("", view.state.value);
+  const isThere =
+    layout === gone.layout &&
+    surface === gone.surface &&
+    seen === gone.view &&
+    depth_mm === clampDepth(gone.depth_mm ?? depth_mm, shown);
+  return isThere || gone.shows === "places" || gone.shows === "findings" ? gone.name : null;
+}
+
 /** Goes to the next step, or to the one before. What the case cannot show is passed over, and said. */
 export function walk(store: Store, by: number): void {
   const steps = stepsNow();
@@ -45,7 +59,7 @@ export function walk(store: Store, by: number): void {
 }
 
 export async function takeStep(store: Store, step: Step, skipped = ""): Promise<void> {
-  const { view, shown, layers, rows } = store;
+  const { view, shown, layers, rows, places } = store;
   const { name, shows } = step;
   const steps = stepsNow();
   store.step.value = name;
@@ -61,7 +75,9 @@ export async function takeStep(store: Store, step: Step, skipped = ""): Promise<
   store.task.value = "read";
   unfold("panel.list", true);
   if (shows === "findings") return;
-  const row = await rows.next(0);
+  const [first] = places.lists;
+  if (first && !first.isAsked) await places.ask(first);
+  const row = rows.inSight.peek().find((one) => one.place) ?? (await rows.next(0));
   // The places may come after the next step.
   if (store.isOver || store.step.peek() !== name) return;
   if (typeof row === "string") note(row);

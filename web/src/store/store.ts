@@ -201,7 +201,8 @@ export class Store {
   /** Shows a pane as large as all of them, or all again. */
   enlarge(pane: string, isDoubleClick = false): void {
     this.large.value = this.large.peek() === pane ? null : pane;
-    if (isDoubleClick && this.#unclicked[0]) this.take(this.#unclicked[0]);
+    // A hand that moves has marked nothing.
+    if (isDoubleClick && !this.moves.peek() && this.#unclicked[0]) this.take(this.#unclicked[0]);
   }
 
   /** Nothing has changed for a while. */

@@ -7,11 +7,14 @@ use glam::DVec3;
 
 use super::{
     Block, CUT_MM, Facts, Line, Picture, SLICE_IN_PAIR_MM, SLICE_MM, Table, certainty_of, gyrus_of,
-    millimetres, position, side_of,
+    millimetres, position, shortened, side_of,
 };
 use crate::pictures::{Shot, Shows, Through};
 use crate::words::Words;
 use crate::{Numbers, Report, ReportedFinding, Values};
+
+/// The most letters of a layer's name under a picture, so that four rows of slices fit on a page.
+const MAX_LETTERS_OF_LAYER: usize = 24;
 
 /// So near to a place of a list a finding is of it, in mm.
 const SAME_PLACE_MM: f64 = 0.5;
@@ -142,7 +145,9 @@ impl Report {
     fn what(&self, words: &Words, shows: Shows) -> Line {
         match (shows, &self.layer) {
             (Shows::Anatomy, _) | (Shows::Layer, None) => words.anatomy.into(),
-            (Shows::Layer, Some(layer)) => Line::foreign(&layer.name),
+            (Shows::Layer, Some(layer)) => {
+                Line::foreign(&shortened(&layer.name, MAX_LETTERS_OF_LAYER))
+            }
             (Shows::Map(map), _) => format!("{}, {}", words.anatomy, words.map(map)).into(),
         }
     }

@@ -4,7 +4,7 @@ use case::{MapName, QualityState};
 
 use super::{
     Block, Facts, Line, MAX_CANDIDATES, Picture, Table, caveat, certainty_of, gyrus_of, place_of,
-    side_of,
+    shortened, side_of,
 };
 use crate::words::Words;
 use crate::{Report, ReportedFinding, ShownPatient};
@@ -63,11 +63,7 @@ impl Report {
                 "" => number.and(place_of(words, finding)),
                 label => number.and_foreign(label),
             };
-            let note = &finding.note;
-            let mut short: String = note.chars().take(MAX_CONCLUDED_LETTERS).collect();
-            if short.len() < note.len() {
-                short.push('…');
-            }
+            let short = shortened(&finding.note, MAX_CONCLUDED_LETTERS);
             Block::Large(match &*short {
                 "" => named,
                 short => named.and(": ").and_foreign(short),

@@ -11,6 +11,15 @@ use crate::pictures::Shot;
 use crate::words::Words;
 use crate::{ListedMap, Reason, Report};
 
+/// The beginning of a text.
+fn shortened(text: &str, most_letters: usize) -> String {
+    let mut short: String = text.chars().take(most_letters).collect();
+    if short.len() < text.len() {
+        short.push('…');
+    }
+    short
+}
+
 /// The most places of a map that are told and listed.
 const MAX_CANDIDATES: usize = 20;
 
