@@ -203,12 +203,12 @@ impl From<StoreError> for Error {
             StoreError::NoSuchLayer => Self::NoSuchLayer,
             StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
-            StoreError::Mismatch(_) | StoreError::AccessDenied(_) | StoreError::ClocksDiffer(_) => {
+            unusable if unusable.is_unusable() => {
                 tracing::warn!(
-                    error = &error as &dyn std::error::Error,
+                    error = &unusable as &dyn std::error::Error,
                     "the store cannot be used"
                 );
-                Self::StoreUnusable(error.to_string())
+                Self::StoreUnusable(unusable.to_string())
             }
             full if full.is_full() => Self::StorageFull,
             failed if failed.is_unwritable() => Self::StorageFailed(failed),

@@ -47,10 +47,12 @@ async fn within<T>(
     if is_news(&cause) {
         tracing::warn!(%error, cause, "the store is not ready");
     }
+    if error.is_unusable() {
+        // What the conversion would log was said, once.
+        return Err(Error::StoreUnusable(error.to_string()));
+    }
     match Error::from(error) {
-        known @ (Error::StorageFull | Error::StorageFailed(_) | Error::StoreUnusable(_)) => {
-            Err(known)
-        }
+        known @ (Error::StorageFull | Error::StorageFailed(_)) => Err(known),
         _ => Err(Error::Unavailable),
     }
 }

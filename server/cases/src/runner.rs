@@ -117,11 +117,9 @@ impl From<StoreError> for Failed {
             "a job was interrupted by a failure of the store"
         );
         // Most messages of the store may contain paths.
-        let detail = match &error {
-            StoreError::ClocksDiffer(_) | StoreError::AccessDenied(_) | StoreError::Mismatch(_) => {
-                error.to_string()
-            }
-            _ => "the store failed; the log of the server has the details".to_owned(),
+        let detail = match error.is_unusable() {
+            true => error.to_string(),
+            false => "the store failed; the log of the server has the details".to_owned(),
         };
         Self::ForNow(Failure::new(FailureKind::Internal, STORE_FAILED, detail))
     }

@@ -187,13 +187,10 @@ async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<()
         expected,
         batch: Vec::new(),
         received: 0,
-        refused: 0,
         refusals: Refusals::of(ArrivalSource::Retrieval),
     };
     images.read(node).await?;
-    let Images {
-        received, refused, ..
-    } = images;
+    let (received, refused) = (images.received, images.refusals.count());
     match expected {
         _ if received == 0 => return Err(FetchError::NoImages),
         Some(expected) if received < expected => {
@@ -220,7 +217,6 @@ struct Images<'a> {
     batch: Vec<(InstanceIdentity, Spooled)>,
     received: usize,
     /// Of these, those that are not kept.
-    refused: usize,
     refusals: Refusals,
 }
 
@@ -257,7 +253,6 @@ impl Images<'_> {
                 .iter()
                 .filter(|became| **became == Reception::Refused)
             {
-                self.refused += 1;
                 self.refusals.add(&Refusal::NOT_BETTER);
             }
         }

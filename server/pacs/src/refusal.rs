@@ -131,6 +131,11 @@ impl Refusals {
         };
         *self.objects.entry(why).or_default() += 1;
     }
+
+    /// How many there were, but for rejection notes.
+    pub(crate) fn count(&self) -> usize {
+        self.objects.values().sum()
+    }
 }
 
 impl Drop for Refusals {

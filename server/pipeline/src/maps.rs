@@ -252,9 +252,7 @@ pub fn side_at(facts: &CaseFacts, position_in_patient: DVec3) -> PatientSide {
 
 /// The side of a plane between the hemispheres that a position (LPS mm) is on.
 pub(crate) fn side_of(plane: &MidsagittalPlane, position_in_patient: DVec3) -> PatientSide {
-    patient_side(Side::at(
-        plane.normal().dot(position_in_patient) - plane.offset_mm(),
-    ))
+    patient_side(Side::at(plane.left_mm(position_in_patient)))
 }
 
 fn patient_side(side: Side) -> PatientSide {

@@ -145,6 +145,14 @@ impl StoreError {
         }
     }
 
+    /// Whether somebody must set something right before the store can be used. The sentence names no path.
+    pub fn is_unusable(&self) -> bool {
+        matches!(
+            self,
+            Self::Mismatch(_) | Self::AccessDenied(_) | Self::ClocksDiffer(_)
+        )
+    }
+
     /// Whether the reason is a full disk or an exhausted quota.
     pub fn is_full(&self) -> bool {
         self.reasons().any(|error| {
@@ -194,11 +202,8 @@ impl PublicError for StoreError {
         match self {
             Self::NoSuchCase | Self::NoSuchLayer => PublicKind::NotFound,
             Self::LayerNameTaken => PublicKind::Conflict,
-            Self::QueueFull(_)
-            | Self::SourceMissing
-            | Self::Mismatch(_)
-            | Self::AccessDenied(_)
-            | Self::ClocksDiffer(_) => PublicKind::Unavailable,
+            Self::QueueFull(_) | Self::SourceMissing => PublicKind::Unavailable,
+            unusable if unusable.is_unusable() => PublicKind::Unavailable,
             full if full.is_full() || full.is_unwritable() => PublicKind::Full,
             away if away.is_away() => PublicKind::Unavailable,
             _ => PublicKind::Internal,
@@ -212,7 +217,7 @@ impl PublicError for StoreError {
             Self::LayerNameTaken => "layer-name-taken",
             Self::QueueFull(_) => "busy",
             Self::SourceMissing => SOURCE_MISSING,
-            Self::Mismatch(_) | Self::AccessDenied(_) | Self::ClocksDiffer(_) => "unavailable",
+            unusable if unusable.is_unusable() => "unavailable",
             full if full.is_full() => "storage-full",
             failed if failed.is_unwritable() => "storage-failed",
             away if away.is_away() => "unavailable",
@@ -223,12 +228,8 @@ impl PublicError for StoreError {
 
     fn sentence(&self) -> String {
         match self {
-            Self::NoSuchCase
-            | Self::NoSuchLayer
-            | Self::SourceMissing
-            | Self::Mismatch(_)
-            | Self::AccessDenied(_)
-            | Self::ClocksDiffer(_) => self.to_string(),
+            Self::NoSuchCase | Self::NoSuchLayer | Self::SourceMissing => self.to_string(),
+            unusable if unusable.is_unusable() => self.to_string(),
             Self::LayerNameTaken => format!("{self}; choose another name"),
             Self::QueueFull(wait) => {
                 let seconds = wait.as_secs_f64().ceil().max(1.0);

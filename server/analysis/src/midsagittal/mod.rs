@@ -41,7 +41,7 @@ impl MidsagittalPlane {
     }
 
     /// How far to the left of the plane a position (LPS mm) is, in mm.
-    fn left_mm(&self, position_in_patient: DVec3) -> f64 {
+    pub fn left_mm(&self, position_in_patient: DVec3) -> f64 {
         self.normal.dot(position_in_patient) - self.offset_mm
     }
 

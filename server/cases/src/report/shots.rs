@@ -132,13 +132,7 @@ async fn seen(
     finding: &Finding,
 ) -> Result<Seen, Error> {
     let at = DVec3::from_array(finding.middle_in_patient());
-    let centre = DVec3::from_array(facts.envelope_sphere.center_in_patient);
-    let outside = Seen {
-        surface: SurfaceName::Whole,
-        depth_mm: finding.depth_mm as f32,
-        orientation: facing(at - centre),
-        spheres: [facts.envelope_sphere; 2],
-    };
+    let outside = outside(facts, finding);
     let surface = surface_of(facts, finding);
     let leftwards = mirror_plane(facts).normal();
     let outwards = match surface {
@@ -163,12 +157,24 @@ async fn seen(
     })
 }
 
+/// A finding as it is seen from outside of the whole brain.
+fn outside(facts: &CaseFacts, finding: &Finding) -> Seen {
+    let at = DVec3::from_array(finding.middle_in_patient());
+    let centre = DVec3::from_array(facts.envelope_sphere.center_in_patient);
+    Seen {
+        surface: SurfaceName::Whole,
+        depth_mm: finding.depth_mm as f32,
+        orientation: facing(at - centre),
+        spheres: [facts.envelope_sphere; 2],
+    }
+}
+
 /// The half on whose inner side a finding is seen, because it is by far nearer to the plane between the halves than to the dura outside, or
 /// nearer at all if it is too deep for the whole brain; else the whole.
 fn surface_of(facts: &CaseFacts, finding: &Finding) -> SurfaceName {
     let plane = mirror_plane(facts);
     let at = DVec3::from_array(finding.middle_in_patient());
-    let left_mm = plane.normal().dot(at) - plane.offset_mm();
+    let left_mm = plane.left_mm(at);
     let reach_mm = match finding.depth_mm {
         deep if deep > DEEP_MM => deep,
         depth_mm => depth_mm / 2.0,
@@ -421,17 +427,6 @@ mod tests {
             "id": "a", "kind": "line", "points_in_patient": [at, [at[0] - 4.0, at[1] + 6.0, at[2] + 5.0]], "depth_mm": 5.0,
         }))
         .unwrap()
-    }
-
-    /// A finding as it is seen from outside.
-    fn outside(facts: &CaseFacts, finding: &Finding) -> Seen {
-        let centre = DVec3::from_array(facts.envelope_sphere.center_in_patient);
-        Seen {
-            surface: SurfaceName::Whole,
-            depth_mm: finding.depth_mm as f32,
-            orientation: facing(DVec3::from_array(finding.middle_in_patient()) - centre),
-            spheres: [facts.envelope_sphere; 2],
-        }
     }
 
     fn shot(facts: &CaseFacts, finding: &Finding, on: &Projection, is_flipped: bool) -> Shot {

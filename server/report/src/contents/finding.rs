@@ -135,10 +135,10 @@ impl Report {
         } else {
             words.as_acquired
         };
-        let line = self
-            .what(words, shot.shows)
-            .and(format!(", {depth}{inner_side}: "));
-        Line([line.0, Line::strong(side).0].concat()).and(format!(", {how}"))
+        self.what(words, shot.shows)
+            .and(format!(", {depth}{inner_side}: "))
+            .and_line(Line::strong(side))
+            .and(format!(", {how}"))
     }
 
     /// The name of what a picture shows.

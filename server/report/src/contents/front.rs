@@ -45,9 +45,8 @@ impl Report {
         reported: &'a ReportedFinding,
     ) -> Option<Block<'a>> {
         let [shot, _] = reported.pictures.cuts.first()?;
-        let shown = self.shown(words, reported, shot);
-        let mut caption = Line::from(format!("{} 1: ", words.finding));
-        caption.0.extend(shown.0);
+        let caption = Line::from(format!("{} 1: ", words.finding));
+        let caption = caption.and_line(self.shown(words, reported, shot));
         Some(Block::KeyPicture(Picture { shot, caption }))
     }
 

@@ -158,7 +158,12 @@ impl Line {
         self
     }
 
-    /// Whether all words are the program's own, and few.
+    fn and_line(mut self, other: Self) -> Self {
+        self.0.extend(other.0);
+        self
+    }
+
+    /// Whether all words are the program's own.
     pub(crate) fn is_own(&self) -> bool {
         let is_foreign = |piece: &Piece| matches!(piece, Piece::Foreign(_));
         !self.0.iter().any(is_foreign)
