@@ -209,7 +209,7 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
           title={keyOf(({ kind }) => kind === "alone")}
           onClick={() => {
             // Otherwise Escape would close this menu first.
-            document.querySelector<HTMLElement>(".menu:popover-open")?.hidePopover();
+            document.getElementById("menu-export")?.hidePopover();
             perform(store, { kind: "alone" });
           }}
         >

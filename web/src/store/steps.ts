@@ -1,8 +1,9 @@
 // The steps of a reading: the views of a protocol, gone through one after the other.
 
 import { number, t } from "../base/i18n.ts";
+import { viewName } from "../model/camera.ts";
 import { isReady } from "../model/layers.ts";
-import { recalled, savedAs } from "../model/saved-layouts.ts";
+import { recalled } from "../model/saved-layouts.ts";
 import { PROTOCOLS, type Step } from "../model/steps.ts";
 import { clampDepth } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
@@ -36,12 +37,12 @@ export function canShow(store: Store, { shows, surface = "whole" }: Step): boole
 export function stepOnScreen({ step, view, shown }: Store): string | null {
   const gone = stepsNow().find(({ name }) => name === step.value);
   if (!gone) return null;
-  const { layout, surface, view: seen, depth_mm } = savedAs("", view.state.value);
+  const { layout, surface, orientation, depth_mm } = view.state.value;
   const isThere =
     layout === gone.layout &&
     surface === gone.surface &&
-    seen === gone.view &&
-    depth_mm === clampDepth(gone.depth_mm ?? depth_mm, shown);
+    depth_mm === clampDepth(gone.depth_mm ?? depth_mm, shown) &&
+    viewName(orientation) === gone.view;
   return isThere || gone.shows === "places" || gone.shows === "findings" ? gone.name : null;
 }
 
