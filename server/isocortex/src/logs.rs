@@ -29,7 +29,7 @@ pub fn are_json() -> bool {
 }
 
 /// Writes log lines to standard error from now on. `filter` is a level, such as `info`, and levels of targets, such as
-/// `info,isocortex_cases=debug`.
+/// `info,cases=debug`.
 ///
 /// A second call changes nothing.
 pub fn start(format: LogFormat, filter: &str) {
@@ -62,13 +62,13 @@ mod tests {
 
     #[test]
     fn a_filter_names_a_level_and_levels_of_targets() {
-        let filter = targets("info,isocortex_cases=debug");
-        assert!(filter.would_enable("isocortex_cases::jobs", &Level::DEBUG));
-        assert!(filter.would_enable("isocortex_pacs", &Level::INFO));
-        assert!(!filter.would_enable("isocortex_pacs", &Level::DEBUG));
-        let unreadable = targets("isocortex_cases=loud");
-        assert!(unreadable.would_enable("isocortex_cases", &Level::INFO));
-        assert!(!unreadable.would_enable("isocortex_cases", &Level::DEBUG));
+        let filter = targets("info,cases=debug");
+        assert!(filter.would_enable("cases::jobs", &Level::DEBUG));
+        assert!(filter.would_enable("pacs", &Level::INFO));
+        assert!(!filter.would_enable("pacs", &Level::DEBUG));
+        let unreadable = targets("cases=loud");
+        assert!(unreadable.would_enable("cases", &Level::INFO));
+        assert!(!unreadable.would_enable("cases", &Level::DEBUG));
     }
 
     #[test]

@@ -81,7 +81,7 @@ pub(super) struct CommonArgs {
     /// The format of log lines. [default: text]
     #[arg(long, value_parser = choices::log_format(), env = "ISOCORTEX_LOG_FORMAT")]
     pub(super) log_format: Option<LogFormat>,
-    /// The log lines to write: error, warn, info, debug (with a line for each request), also by target: info,isocortex_cases=debug.
+    /// The log lines to write: error, warn, info, debug (with a line for each request), also by target: info,cases=debug.
     #[arg(long, value_name = "FILTER", env = "ISOCORTEX_LOG")]
     pub(super) log: Option<String>,
 }
