@@ -13,7 +13,7 @@ const SAVE_AGAIN: &str = "save the file again with nibabel, dcm2niix or fslmaths
 pub enum ImagingError {
     /// Neither a NIfTI-1 nor a NIfTI-2 header, gzipped or not.
     #[error(
-        "this is {found}, and not a NIfTI file; send a NIfTI volume (.nii or .nii.gz), DICOM files, or a zip of DICOM files"
+        "this is {found}, and not a NIfTI file; send a NIfTI or MGH volume (.nii, .nii.gz, .mgh or .mgz), DICOM files, or a zip of DICOM files"
     )]
     NotNifti {
         /// What it is instead, as far as its first bytes tell.
@@ -36,7 +36,7 @@ pub enum ImagingError {
         what: &'static str,
     },
     /// The file ends early.
-    #[error("the NIfTI file is truncated: it has {found} of {expected} bytes")]
+    #[error("the file is truncated: it has {found} of {expected} bytes")]
     NiftiTruncated {
         /// Bytes of header and voxels.
         expected: u64,
@@ -45,7 +45,7 @@ pub enum ImagingError {
     },
     /// Bytes follow the last voxel.
     #[error(
-        "the NIfTI file is longer by at least a slice than the {expected} bytes that its header describes; {SAVE_AGAIN}"
+        "the file is longer by at least a slice than the {expected} bytes that its header describes; {SAVE_AGAIN}"
     )]
     NiftiTrailingData {
         /// Bytes of header and voxels.
@@ -60,7 +60,7 @@ pub enum ImagingError {
         packed: u64,
     },
     /// An impossible size in the header.
-    #[error("dim[{axis}] of the NIfTI header is {value}; it must be {range}; {SAVE_AGAIN}")]
+    #[error("dim[{axis}] of the header is {value}; it must be {range}; {SAVE_AGAIN}")]
     NiftiDimension {
         /// The index in `dim`; 0 is the number of dimensions.
         axis: usize,
@@ -140,7 +140,7 @@ pub enum ImagingError {
     },
     /// The sform, and `pixdim` with the qform, state other sizes or angles.
     #[error(
-        "the NIfTI header contradicts itself: by its sform a voxel measures {} mm{}, by its pixdim{} {} mm with right angles; \
+        "the header contradicts itself: by its sform a voxel measures {} mm{}, by its pixdim{} {} mm with right angles; \
          find out which is true, and send it as `affine`: {}",
         product(*sform_mm), lean(*lean_degrees), if *has_qform { " and qform" } else { "" }, product(*pixdim_mm),
         if *has_qform { "`sform` or `qform`" } else { "`sform`, or correct the header" }
@@ -164,9 +164,7 @@ pub enum ImagingError {
         what: &'static str,
     },
     /// The form that was asked for is not there.
-    #[error(
-        "`affine` is `{form}`, but the NIfTI header has no {form} (its code is 0); omit `affine`"
-    )]
+    #[error("`affine` is `{form}`, but the header has no {form} (its code is 0); omit `affine`")]
     NiftiFormMissing {
         /// `sform` or `qform`.
         form: &'static str,
@@ -182,7 +180,7 @@ pub enum ImagingError {
     )]
     NiftiLeftRight,
     /// The affine from voxels to the patient is not invertible.
-    #[error("the {form} of the NIfTI header is unusable: {what}")]
+    #[error("the {form} of the header is unusable: {what}")]
     NiftiAffine {
         /// `sform`, `qform` or `pixdim`.
         form: &'static str,
@@ -206,6 +204,20 @@ pub enum ImagingError {
         min: f64,
         /// Greatest intensity.
         max: f64,
+    },
+    /// An MGH header without a valid orientation.
+    #[error(
+        "the MGH header does not state which side of the head is left (its goodRASflag is 0), and programs read it differently; \
+         convert the original images again"
+    )]
+    MghOrientationUnknown,
+    /// An MGH data type that is not read.
+    #[error(
+        "MGH data type {code} is not supported; use 0 (uchar), 1 (int), 3 (float), 4 (short) or 10 (ushort)"
+    )]
+    MghDataType {
+        /// The code in the header.
+        code: i32,
     },
     /// The gzip stream ends early.
     #[error("the gzip file is truncated; send a complete copy")]
@@ -299,6 +311,8 @@ impl ImagingError {
             Self::NiftiAffine { .. } => "nifti-affine",
             Self::NiftiScaling { .. } => "nifti-scaling",
             Self::NiftiIntensityRange { .. } => "nifti-intensity-range",
+            Self::MghOrientationUnknown => "nifti-orientation-unknown",
+            Self::MghDataType { .. } => "nifti-data-type",
             Self::GzipTruncated => "gzip-truncated",
             Self::GzipCorrupt => "gzip-corrupt",
             Self::TooManyVoxels { .. } => "too-many-voxels",

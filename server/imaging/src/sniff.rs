@@ -9,9 +9,9 @@ use crate::nifti;
 /// A kind of file, recognised by its first bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// A NIfTI header of a single file or a pair, or an Analyze header.
+    /// A NIfTI header of a single file or a pair, an Analyze header, or an MGH header.
     Nifti,
-    /// A gzip stream that contains a NIfTI header, or that is too damaged to tell.
+    /// A gzip stream that contains such a header, or that is too damaged to tell.
     NiftiGz,
     /// A zip archive.
     Zip,
@@ -51,7 +51,7 @@ pub fn sniff(bytes: &[u8]) -> Format {
 }
 
 /// Formats that nothing here reads, by their first bytes.
-const OTHERS: [(&[u8], &str); 17] = [
+const OTHERS: [(&[u8], &str); 16] = [
     (b"\xfd7zXZ\0", "an xz archive"),
     (b"BZh", "a bzip2 archive"),
     (b"\x28\xb5\x2f\xfd", "a Zstandard archive"),
@@ -61,7 +61,6 @@ const OTHERS: [(&[u8], &str); 17] = [
     (b"CDF\x01", "a MINC 1 image"),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 or MINC 2 file"),
     (b"ObjectType", "a MetaImage header"),
-    (b"\0\0\0\x01\0\0\0", "an MGH image"),
     (
         b"version https://git-lfs",
         "a Git LFS pointer, not the file itself",
@@ -82,21 +81,18 @@ pub(crate) fn recognised(bytes: &[u8]) -> &'static str {
     if bytes.starts_with(&nifti::GZIP_MAGIC) {
         let (inner, _) = unpacked_start(bytes);
         return match sniff(&inner) {
-            Format::Nifti => "a gzipped NIfTI file",
+            Format::Nifti => "a gzipped NIfTI or MGH file",
             Format::Dicom => "gzipped DICOM, which must be unpacked",
             Format::Zip => "a gzipped zip archive, which must be unpacked",
             Format::NiftiGz | Format::Unknown if inner.starts_with(&nifti::GZIP_MAGIC) => {
                 "a file that is gzipped twice"
             }
             _ if inner.get(257..262) == Some(b"ustar") => "a gzipped tar archive",
-            _ if inner.starts_with(b"\0\0\0\x01\0\0") => {
-                "an MGZ image (convert it with mri_convert)"
-            }
             _ => "a gzip file of something else",
         };
     }
     match sniff(bytes) {
-        Format::Nifti => "a NIfTI file",
+        Format::Nifti => "a NIfTI or MGH file",
         Format::Zip => "a zip archive",
         Format::Dicom => "a DICOM file",
         _ if bytes.get(257..262) == Some(b"ustar") => "a tar archive",
@@ -107,7 +103,7 @@ pub(crate) fn recognised(bytes: &[u8]) -> &'static str {
     }
 }
 
-/// A gzip stream of anything but NIfTI is unknown. If it cannot be unpacked, it counts as NIfTI, so that the reader
+/// A gzip stream of anything but NIfTI or MGH is unknown. If it cannot be unpacked, it counts as NIfTI, so that the reader
 /// reports why.
 fn sniff_gzip(bytes: &[u8]) -> Format {
     let (start, is_sound) = unpacked_start(bytes);
@@ -218,10 +214,6 @@ mod tests {
             (packed(&tar), "a gzipped tar archive"),
             (packed(&dicom), "gzipped DICOM, which must be unpacked"),
             (packed(&packed(b"anything")), "a file that is gzipped twice"),
-            (
-                packed(b"\0\0\0\x01\0\0\0\x01"),
-                "an MGZ image (convert it with mri_convert)",
-            ),
             (b"anything".to_vec(), "a file of an unknown kind"),
         ] {
             assert_eq!(recognised(&bytes), name);

@@ -192,7 +192,7 @@ function Version({
         label={t("version.mask")}
         words={t("upload.choose-files")}
         hint={mask?.name ?? t("version.mask-hint")}
-        accept=".nii,.gz"
+        accept=".nii,.gz,.mgh,.mgz"
         onFiles={([file = null]) => setMask(file)}
       />
       <Row>

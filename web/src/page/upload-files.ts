@@ -20,7 +20,8 @@ export interface Sorted<F extends Named> {
   readonly trouble: Key | null;
 }
 
-const isNifti = ({ name }: Named): boolean => /\.nii(\.gz)?$/i.test(name);
+/** NIfTI, or MGH, which is taken wherever NIfTI is. */
+const isNifti = ({ name }: Named): boolean => /\.(nii(\.gz)?|mgh|mgz)$/i.test(name);
 const isZip = ({ name }: Named): boolean => /\.zip$/i.test(name);
 /** Whether a file's name says that it is a mask. */
 export const looksLikeMask = ({ name }: Named): boolean => /mask|bet|brain|seg|label|mascara|máscara/i.test(name);
@@ -112,6 +113,6 @@ export function freeName(wanted: string, taken: readonly string[]): string {
 
 /** A name that says what the file is, and nothing of the patient. */
 export function uploadName(part: string, name: string): string {
-  const ending = /(\.nii\.gz|\.nii|\.zip|\.gz)$/i.exec(name)?.[0].toLowerCase();
+  const ending = /(\.nii\.gz|\.nii|\.mg[hz]|\.zip|\.gz)$/i.exec(name)?.[0].toLowerCase();
   return part + (ending ?? "");
 }

@@ -194,7 +194,7 @@ export function UploadForm({ upload }: { readonly upload: Upload }) {
             label={t("upload.mask")}
             words={t("upload.choose-files")}
             hint={t("upload.mask-hint")}
-            accept=".nii,.gz"
+            accept=".nii,.gz,.mgh,.mgz"
             onFiles={([mask = null]) => upload.takeMask(mask)}
           />
           <label>

@@ -7,19 +7,25 @@ use crate::{ImagingError, Limits};
 
 use super::affine::Form;
 use super::header::Header;
+use super::mgh::{self, MGH_HEADER};
 use super::source::{Source, check_promise};
 use super::start::{LONGEST_HEADER, header_length};
 
 /// Bytes of a chunk: a whole number of voxels of any type, small enough for the cache.
 const CHUNK_BYTES: usize = 256 << 10;
 
+/// More than the footer of an MGH file has: parameters of the sequence, names of labels, and the commands that made the file.
+const MOST_OF_A_FOOTER: u64 = 16 << 20;
+
 /// An opened file: its checked header, and its source of bytes.
 pub(crate) struct NiftiFile<'a> {
     pub(crate) header: Header,
-    /// The bytes of the header.
+    /// The bytes of the header, or of one of NIfTI that says the same.
     pub(crate) header_bytes: Vec<u8>,
     pub(crate) grid: Grid,
     source: Source<'a>,
+    /// Fewer bytes may follow the voxels.
+    most_following: u64,
     /// Bytes read from the source.
     taken: u64,
 }
@@ -68,14 +74,25 @@ impl<'a> NiftiFile<'a> {
                 found: (4 + followed) as u64,
             });
         }
-        let header_bytes = buffer[..length].to_vec();
+        let mut header_bytes = buffer[..length].to_vec();
+        let is_mgh = length == MGH_HEADER;
+        if is_mgh {
+            header_bytes = mgh::as_nifti(&header_bytes)?;
+        }
         let mut header = Header::parse(&header_bytes)?;
+        if is_mgh {
+            header.vox_offset = MGH_HEADER as u64;
+        }
         if let Some(form) = form {
             header.placement = header.placement.keeping(form)?;
         }
         check_limits(&header, limits)?;
         let grid = Grid::new(header.size, header.placement.patient_from_voxel()?)?;
         Ok(Self {
+            most_following: match is_mgh {
+                true => MOST_OF_A_FOOTER,
+                false => header.voxel_bytes() / header.size[2] as u64,
+            },
             header,
             header_bytes,
             grid,
@@ -84,8 +101,8 @@ impl<'a> NiftiFile<'a> {
         })
     }
 
-    /// Passes the bytes of all voxels to `take`, a whole number of voxels at a time, and checks that less than a slice
-    /// follows them.
+    /// Passes the bytes of all voxels to `take`, a whole number of voxels at a time, and checks that less than a slice,
+    /// or the footer of an MGH file, follows them.
     ///
     /// # Errors
     /// If the file is too short or too long, or its checksum is wrong; and the errors of `take`.
@@ -123,14 +140,13 @@ impl<'a> NiftiFile<'a> {
         Ok(chunk)
     }
 
-    /// Some writers fill the last block of a file; what is as long as a slice may be voxels, and the header wrong.
+    /// Some writers fill the last block of a file; what is as long as a slice may be voxels, and the header wrong. MGH has a footer.
     ///
     /// Reading past the end is what makes the decoder verify the last checksum.
     fn expect_end(&mut self) -> Result<(), ImagingError> {
-        let slice = self.header.voxel_bytes() / self.header.size[2] as u64;
         let mut buffer = [0; 4096];
         let mut following = 0;
-        while following < slice {
+        while following < self.most_following {
             match self.source.fill(&mut buffer)? {
                 0 => return Ok(()),
                 more => following += more as u64,

@@ -1,4 +1,4 @@
-//! NIfTI-1 and NIfTI-2 in a single file, gzipped or not, in either byte order.
+//! NIfTI-1 and NIfTI-2 in a single file, gzipped or not, in either byte order; and [MGH](mgh), wherever NIfTI is read.
 //!
 //! Supported are integers and floating-point numbers of 8 to 64 bits and one volume, placed by the sform (if its code
 //! is set) or the qform. Rejected are files that do not state which side of the head is left (Analyze 7.5, and NIfTI
@@ -15,6 +15,7 @@ mod element;
 mod file;
 mod header;
 mod mask;
+mod mgh;
 mod outliers;
 mod range;
 mod source;

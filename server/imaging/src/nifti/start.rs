@@ -1,6 +1,8 @@
-//! How a header starts: its length, which is that of its version, in its byte order.
+//! How a header starts: its length, which is that of its version, in its byte order; of MGH, its version.
 
-/// Bytes of a NIfTI-2 header, the longer of the two.
+use super::mgh::MGH_HEADER;
+
+/// Bytes of a NIfTI-2 header, the longest.
 pub(crate) const LONGEST_HEADER: usize = 540;
 
 /// Bytes of a NIfTI-1 header, and of an Analyze header.
@@ -19,17 +21,23 @@ pub(super) enum Version {
     Two,
 }
 
+/// The version of all MGH files.
+const MGH_VERSION: [u8; 4] = 1u32.to_be_bytes();
+
 /// The length of the header that starts with `bytes`; four bytes are enough.
 pub(crate) fn header_length(bytes: &[u8]) -> Option<usize> {
+    if bytes.starts_with(&MGH_VERSION) {
+        return Some(MGH_HEADER);
+    }
     Some(match kind(bytes)? {
         (Version::One, _) => NIFTI_1_HEADER,
         (Version::Two, _) => LONGEST_HEADER,
     })
 }
 
-/// Whether bytes start like a NIfTI or Analyze header, which may be damaged.
+/// Whether bytes start like a header of NIfTI, Analyze or MGH, which may be damaged.
 pub(crate) fn looks_like_header(bytes: &[u8]) -> bool {
-    kind(bytes).is_some()
+    header_length(bytes).is_some()
 }
 
 /// Version and byte order, from `sizeof_hdr`.

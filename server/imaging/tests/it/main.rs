@@ -6,6 +6,7 @@ mod characters;
 mod dicom;
 mod hostile;
 mod masks;
+mod mgh;
 mod oracle;
 mod pet;
 mod placement;

@@ -19,7 +19,7 @@ use super::{MAX_DICOM_BYTES, choices, head_of, read_input};
 /// Further volumes of the same head.
 #[derive(Debug, Args)]
 pub(super) struct LayerOptions {
-    /// A further volume of the same head (FLAIR, T2, PET, CT, a map or labels): NIfTI or DICOM. It is registered if it
+    /// A further volume of the same head (FLAIR, T2, PET, CT, a map or labels): NIfTI, MGH or DICOM. It is registered if it
     /// is an acquired one. Repeat it for several.
     #[arg(long = "layer", value_name = "[NAME=]VOLUME")]
     volumes: Vec<String>,

@@ -58,7 +58,7 @@ Examples:
 Exit status:
    0  done
    2  invalid command line
-  65  unusable input (not NIfTI or DICOM, damaged, a mask is missing …)
+  65  unusable input (not NIfTI, MGH or DICOM, damaged, a mask is missing …)
   66  the input does not exist or cannot be read
   69  the address is taken, or the store is busy
   70  internal error
@@ -132,7 +132,7 @@ enum Command {
 /// A volume and the options of its preparation.
 #[derive(Debug, Clone, Args)]
 struct VolumeOptions {
-    /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
+    /// The brain mask, NIfTI or MGH, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
     #[arg(long, value_name = "FILE")]
     mask: Option<PathBuf>,
     /// Radius of the ball that closes the brain mask to the envelope, 0 to 50 mm.

@@ -26,7 +26,7 @@ pub(super) const GRACE: Duration = Duration::from_secs(5);
 /// Prepare a volume into the store, and print the id of its case
 #[derive(Debug, Args)]
 pub(super) struct PrepareArgs {
-    /// An MR volume: NIfTI-1 or NIfTI-2, .nii or .nii.gz; or DICOM: a folder, a zip, or one file.
+    /// An MR volume: NIfTI or MGH, gzipped or not; or DICOM: a folder, a zip, or one file.
     volume: PathBuf,
     #[command(flatten)]
     options: VolumeOptions,

@@ -23,7 +23,7 @@ use crate::config::{Config, store_options};
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
 pub(super) struct RenderArgs {
-    /// The id of a case in the store, a NIfTI volume, or DICOM (a folder, a zip, one file).
+    /// The id of a case in the store, a NIfTI or MGH volume, or DICOM (a folder, a zip, one file).
     #[arg(value_name = "CASE|VOLUME")]
     input: PathBuf,
     #[command(flatten)]

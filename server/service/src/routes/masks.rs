@@ -224,7 +224,7 @@ impl VersionQuery {
 
 /// Make a version of a case, with another mask or other parameters
 ///
-/// The body is a mask in NIfTI, gzipped or not, on any grid. With an empty body, the supplied mask of the case is used
+/// The body is a mask in NIfTI or MGH, gzipped or not, on any grid. With an empty body, the supplied mask of the case is used
 /// again, or the mask is made again from `source`, so that only the parameters differ. The version is a case of its own
 /// with the same volume and label, and the original case does not change; their `previous` and `next` name each other.
 /// The same mask and parameters always give the same version. For both kinds of mask, the largest component is kept and
@@ -232,7 +232,7 @@ impl VersionQuery {
 #[utoipa::path(
     put, path = "/v1/cases/{id}/mask", tag = "masks",
     params(("id" = String, Path, description = "The case"), VersionQuery),
-    request_body(content = Option<Vec<u8>>, content_type = "application/octet-stream", description = "The mask, NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or empty"),
+    request_body(content = Option<Vec<u8>>, content_type = "application/octet-stream", description = "The mask, NIfTI or MGH, gzipped or not; or empty"),
     responses(
         (status = 202, description = "A new version", body = CaseView, headers(
             ("Location" = String, description = "The address of the case"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),

@@ -31,7 +31,7 @@ const MAX_LABELS_BYTES: usize = 256 << 10;
 #[derive(Debug, ToSchema)]
 #[expect(dead_code, reason = "describes the form; parts are read one by one")]
 pub struct LayerForm {
-    /// The volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM file:
+    /// The volume: NIfTI or MGH, gzipped or not; or a zip of DICOM files, or one (multi-frame) DICOM file:
     /// MR, CT or PET.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     volume: Option<String>,

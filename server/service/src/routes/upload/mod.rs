@@ -30,7 +30,7 @@ const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 #[derive(Debug, ToSchema)]
 #[expect(dead_code, reason = "describes the form; parts are read one by one")]
 pub struct UploadForm {
-    /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM
+    /// The MR volume: NIfTI or MGH, gzipped or not; or a zip of DICOM files, or one (multi-frame) DICOM
     /// file.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     volume: Option<String>,
