@@ -132,6 +132,8 @@ test("of several sequences the T1 becomes the case, a mask is its mask, and the 
   ]);
   // As before: a volume and its mask, and what nobody can tell apart.
   assert.deepEqual(sorted("t1.nii", "t1_mask.nii"), ["t1.nii", "t1_mask.nii", [], null]);
+  // Of a folder of FreeSurfer.
+  assert.deepEqual(sorted("brainmask.mgz", "T1.mgz"), ["T1.mgz", "brainmask.mgz", [], null]);
   assert.deepEqual(sorted("a.nii", "b.nii", "c.nii"), [null, null, [], "upload.too-many"]);
   assert.deepEqual(sorted("t1_a.nii", "t1_b.nii", "flair.nii"), [null, null, [], "upload.too-many"]);
 });
