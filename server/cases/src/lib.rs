@@ -25,6 +25,7 @@ pub mod report;
 pub mod runner;
 pub mod search;
 mod series;
+pub mod settings;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 

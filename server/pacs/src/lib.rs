@@ -21,6 +21,7 @@ mod results;
 mod retrievals;
 mod send;
 mod series;
+pub mod settings;
 mod state;
 mod store;
 mod stow;
