@@ -23,9 +23,6 @@ use crate::pictures::{Graphics, PictureRequest};
 use crate::removal::BeforeRemoval;
 use crate::settings::{Limits, MapsUse, Prepare, Render, cores};
 
-/// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
-pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
-
 /// The number of cases that are remembered as ready.
 const REMEMBERED_CASES: usize = 4096;
 
@@ -161,17 +158,10 @@ impl Cases {
         });
         let Options { limits, render, .. } = options;
         let head = HeadLimits::with_sides_from(limits.min_field_mm);
-        let dicom = DicomReader::new(
-            options.dicom_program.clone(),
-            limits.volumes(),
-            limits.max_dicom_bytes(),
-        );
-        let dicom = dicom.with_memory(library.children().clone());
-        let headers = HeaderReader::new(FileReader::new(
-            options.dicom_program.clone(),
-            MAX_INSTANCE_BYTES,
-            library.children().clone(),
-        ));
+        let (program, memory) = (&options.dicom_program, library.children());
+        let dicom = DicomReader::new(program.clone(), limits.volumes(), limits.max_dicom_bytes());
+        let dicom = dicom.with_memory(memory.clone());
+        let headers = HeaderReader::new(FileReader::new(program.clone(), memory.clone()));
         Self {
             models: Models::new(library.clone()),
             library,

@@ -30,7 +30,7 @@ pub mod settings;
 pub mod testing;
 
 pub use adopt::Adopted;
-pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
+pub use application::{Cases, Options, StartError, open_library};
 pub use client::for_client;
 pub use error::Error;
 pub use intake::VolumeFiles;

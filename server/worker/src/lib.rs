@@ -19,7 +19,7 @@ pub use child::run as run_child;
 pub use child::run_instead;
 pub use confine::{Confinement, hide};
 pub use error::Error;
-pub use headers::FileReader;
+pub use headers::{FileReader, MAX_FILE_BYTES};
 pub use memory::{ChildBudget, ChildMemory, MemoryPermit};
 pub use prepare::PrepareProcess;
 #[cfg(any(test, feature = "testing"))]

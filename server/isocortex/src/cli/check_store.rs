@@ -80,8 +80,8 @@ impl Defects {
                 self.layers_to_prepare.insert((id, layer));
                 return;
             }
-            Defect::MissingForPacs(name) => return self.add_lost("missing", name),
-            Defect::DamagedForPacs(name) => return self.add_lost("damaged", name),
+            Defect::MissingOfTables(name) => return self.add_lost("missing", name),
+            Defect::DamagedOfTables(name) => return self.add_lost("damaged", name),
             Defect::Unreferenced(name) => {
                 println!("unreferenced: {name}");
                 match name.kind {
