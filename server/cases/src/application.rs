@@ -18,7 +18,7 @@ use crate::dicom::{DicomReader, HeaderReader};
 use crate::error::Error;
 use crate::library::{Library, LibraryOptions, Preparation};
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
+use crate::models::{Models, WarmModel};
 use crate::pictures::{Graphics, PictureRequest};
 use crate::removal::BeforeRemoval;
 use crate::settings::{Limits, MapsUse, Prepare, Render, cores};
@@ -27,7 +27,10 @@ use crate::settings::{Limits, MapsUse, Prepare, Render, cores};
 const REMEMBERED_CASES: usize = 4096;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
-pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(10);
+pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(2);
+
+/// The same if the database is unreachable.
+pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 
 /// The options of the application.
 #[derive(Debug, Clone)]
@@ -209,12 +212,19 @@ impl Cases {
         let asked = self.store().case(id).await;
         if let Err(error) = &asked
             && error.is_away()
-            && let Some((since, facts)) = remembered
+            && let Some((since, facts)) = &remembered
             && since.elapsed() < REMEMBERED_WHILE_AWAY
         {
-            return Ok(facts);
+            return Ok(Arc::clone(facts));
         }
-        let case = asked?.ok_or(Error::NoSuchCase)?;
+        let case = asked?;
+        let is_ready = case
+            .as_ref()
+            .is_some_and(|case| case.state == CaseState::Ready);
+        if remembered.is_some() && !is_ready {
+            self.forget(id);
+        }
+        let case = case.ok_or(Error::NoSuchCase)?;
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
@@ -263,6 +273,7 @@ impl Cases {
     /// # Errors
     /// As [`Cases::ready`], and [`Error::NoSurfaces`].
     pub async fn surface(&self, id: &CaseId, surface: SurfaceName) -> Result<WarmModel, Error> {
+        self.ready(id).await?;
         if let Some(model) = self.models.get(id, surface).await? {
             return Ok(model);
         }
@@ -348,10 +359,9 @@ impl Cases {
         Ok(deleted?)
     }
 
-    /// Lets time pass for what is remembered, as this handle sees it.
+    /// Lets time pass for what is remembered.
     #[cfg(test)]
-    pub(crate) fn pass_time(&mut self, by: Duration) {
-        self.models.pass_time(by);
+    pub(crate) fn pass_time(&self, by: Duration) {
         for (id, (since, facts)) in self.remembered.iter() {
             self.remembered.insert(id, (since - by, facts));
         }
