@@ -11,7 +11,7 @@ use axum::Router;
 use cases::{BeforeRemoval, Cases, Library};
 use http::uploads::UploadLimits;
 use pacs::Pacs;
-use service::app::{ProtocolRoutes, app_with};
+use service::app::app_with;
 use service::state::{AppState, HttpOptions};
 use storage::DatabaseAddress;
 
@@ -290,9 +290,7 @@ pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
 
 /// Everything that is served over HTTP.
 pub fn router(state: &AppState, pacs: &Pacs) -> Router {
-    let pacs::Guarded { uploads, answers } = pacs::guarded_routes(pacs);
-    let beside = ProtocolRoutes { uploads, answers };
-    app_with(state.clone(), beside)
+    app_with(state.clone(), pacs::guarded_routes(pacs))
 }
 
 /// Opens the store for preparing cases only; `audit` as for [`open`].
