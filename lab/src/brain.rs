@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use extraction::{Extraction, Method, Network, Verdict, extract};
+use extraction::{Extraction, Method, Network, Rating, extract};
 use geometry::{BrainMask, Volume};
 use imaging::nifti;
 
@@ -28,7 +28,7 @@ impl MaskFrom {
     /// The brain of a volume. Standard error receives how a mask was extracted, and its rating.
     ///
     /// # Errors
-    /// If a file cannot be read, there is no brain, or the rating of an extracted mask is [`Verdict::Failed`].
+    /// If a file cannot be read, there is no brain, or the rating of an extracted mask is [`Rating::Failed`].
     pub(crate) fn brain(&self, head: &str, volume: &Volume) -> Result<BrainMask, BenchError> {
         let network = match self {
             Self::File(path) => {
@@ -48,7 +48,7 @@ impl MaskFrom {
         let go_on = |_| ControlFlow::Continue(());
         let found = extract(volume, network.as_ref(), THRESHOLD, &go_on)?;
         let reasons = reasons(&found);
-        if found.quality.verdict == Verdict::Failed {
+        if found.quality.rating == Rating::Failed {
             let head = head.to_owned();
             return Err(BenchError::FailedMask { head, reasons });
         }
@@ -56,8 +56,8 @@ impl MaskFrom {
             Method::Network => "the network",
             Method::TreePruning => "tree pruning",
         };
-        let rating = match found.quality.verdict {
-            Verdict::Ok => "ok".to_owned(),
+        let rating = match found.quality.rating {
+            Rating::Ok => "ok".to_owned(),
             _ => format!("review: {reasons}"),
         };
         eprintln!("{head}: the mask was made by {method}; its rating is {rating}");

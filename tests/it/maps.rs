@@ -6,9 +6,10 @@ use analysis::testing::brain::{self, BrainPhantom};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use cases::pictures::GpuUse;
+use cases::settings::MapsUse;
 use geometry::{Grid, Mask, Rescale, Volume};
 use glam::DVec3;
-use isocortex::config::{Config, MapsUse};
+use isocortex::config::Config;
 use serde_json::{Value, json};
 
 use crate::server::{Answer, Server};

@@ -9,7 +9,7 @@ use std::time::Duration;
 use ::pacs::dimse::{self, DimseOptions, Peer};
 use axum::body::Body;
 use axum::http::Request;
-use isocortex::config::Node;
+use pacs::settings::Node;
 use serde_json::{Value, json};
 use tokio::net::TcpListener;
 

@@ -2,7 +2,7 @@
 
 use axum::http::StatusCode;
 use cases::pictures::GpuUse;
-use isocortex::config::MapsUse;
+use cases::settings::MapsUse;
 
 use crate::head::SPACING_MM;
 use crate::server::{Answer, Server};

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
 use cases::pictures::{GpuUse, GraphicsState};
+use cases::settings::MapsUse;
 use futures_util::future::join_all;
-use isocortex::config::MapsUse;
 use nix::time::{ClockId, clock_gettime};
 
 use crate::server::{Answer, Server};

@@ -10,7 +10,8 @@ use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{Method, Request, StatusCode};
 use axum::routing::post;
-use isocortex::config::{Config, Node};
+use isocortex::config::Config;
+use pacs::settings::Node;
 use serde_json::{Value, json};
 use tokio::net::TcpListener;
 

@@ -142,8 +142,8 @@ fn paths_of(router: &axum::Router) -> BTreeSet<String> {
 /// The rows of all routes by method and path.
 pub(crate) fn rows(server: &Server) -> BTreeMap<(String, String), (&'static str, Audited)> {
     let service = service::routes::scopes(&server.state);
-    let pacs::Guarded { uploads, answers } = pacs::guarded_routes(&server.pacs);
-    let (_, of_pacs) = uploads.and(answers).into_parts();
+    let routes = pacs::guarded_routes(&server.pacs);
+    let (_, of_pacs) = routes.uploads.and(routes.answers).into_parts();
     let all = service.and(of_pacs);
     let rows: BTreeMap<_, _> = (all.rows())
         .map(|(method, path, scope, audited)| {

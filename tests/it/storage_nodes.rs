@@ -7,7 +7,8 @@ use std::process::{Child, Command, Stdio};
 use ::pacs::dimse::{self, ReloadedTls, TlsAuthority, TlsIdentity, listening_tls};
 use axum::body::Body;
 use axum::http::Request;
-use isocortex::config::{Config, Node};
+use isocortex::config::Config;
+use pacs::settings::Node;
 use serde_json::{Value, json};
 
 use crate::findings::mark;

@@ -3,9 +3,9 @@
 use analysis::testing::brain::{self, BrainPhantom};
 use axum::http::StatusCode;
 use cases::pictures::GpuUse;
+use cases::settings::MapsUse;
 use geometry::{Rescale, Volume};
 use glam::DVec3;
-use isocortex::config::MapsUse;
 
 use crate::interface::MeshFile;
 use crate::server::{Answer, Server};

@@ -57,6 +57,14 @@ impl ScopeTable {
     }
 }
 
+/// Routes of another protocol that need a token, which stand beside those of the service and behind the same guards.
+pub struct ProtocolRoutes {
+    /// Those that take files, which have the time of an upload.
+    pub uploads: GuardedRoutes<()>,
+    /// The others, which have the time of an answer.
+    pub answers: GuardedRoutes<()>,
+}
+
 /// Routes that need a token. Each states where it is added what the token must permit, and what is recorded of its requests.
 pub struct GuardedRoutes<S> {
     routes: OpenApiRouter<S>,

@@ -10,31 +10,6 @@ use crate::regions::Regions;
 use crate::slices::{LEAST_SHARE, USUAL_SHARE, least_detail};
 use crate::{Head, MapKind, MapsUndefined, Region, TissueScale};
 
-/// A side of the patient.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Side {
-    Left,
-    Right,
-    /// Within [`MIDDLE_MM`] of the midsagittal plane: too near to it to be told by a flat plane.
-    Middle,
-}
-
-/// How near to the midsagittal plane a position is on neither side, in mm.
-pub(crate) const MIDDLE_MM: f64 = 5.0;
-
-impl Side {
-    /// The side of a position that is so far from the midsagittal plane, to the patient's left.
-    pub fn at(left_mm: f64) -> Self {
-        if left_mm.abs() <= MIDDLE_MM {
-            Self::Middle
-        } else if left_mm > 0.0 {
-            Self::Left
-        } else {
-            Self::Right
-        }
-    }
-}
-
 /// The score of `blur` above which a place is unusual, and the one from which it is nearly so.
 ///
 /// The highest places of the cerebra of six heads without a lesion have 1.80, 1.82, 2.01, 2.05, 2.27 and 2.60: two are above
@@ -225,8 +200,6 @@ pub struct Candidate {
     pub position_in_patient: DVec3,
     /// The depth below the envelope, in mm.
     pub depth_mm: f32,
-    /// The side of the midsagittal plane.
-    pub side: Side,
     /// The smoothed map, in deviations over the junction of this head; lower where there is little junction.
     pub score: f32,
     /// The diameter of a ball with the volume of the connected part of the junction above half of the score, in mm.
@@ -407,7 +380,7 @@ pub(crate) fn candidates(
     choice: Choice,
     kind: MapKind,
 ) -> [Vec<Candidate>; 2] {
-    let Head { depth, plane, .. } = head;
+    let depth = head.depth;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
     let rows = scores.rows(block);
     let Judgement { limits, .. } = Judgement::of(kind, block.spacing_mm, HeadDoubts::default());
@@ -424,7 +397,6 @@ pub(crate) fn candidates(
         Candidate {
             position_in_patient: position,
             depth_mm: depth_mm(position),
-            side: Side::at(plane.normal().dot(position) - plane.offset_mm()),
             score: scores.scores[place],
             size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
             region: regions.at(position).unwrap_or(Region::LeftCerebrum),
@@ -498,20 +470,5 @@ mod tests {
             let other = Judgement::of(MapKind::Sharpness, [1.0; 3], doubts);
             assert_eq!(other.caveat, None);
         }
-    }
-
-    #[test]
-    fn a_place_within_5_mm_of_the_plane_is_on_neither_side() {
-        let sides = [5.01, 5.0, 0.0, -5.0, -5.01].map(Side::at);
-        assert_eq!(
-            sides,
-            [
-                Side::Left,
-                Side::Middle,
-                Side::Middle,
-                Side::Middle,
-                Side::Right
-            ]
-        );
     }
 }

@@ -31,8 +31,8 @@ mod width;
 
 pub use block::{Block, Zone, depth_at};
 pub use candidates::{
-    BORDERLINE_FROM, Candidate, HeadDoubts, Judgement, ScoreCaveat, ScoreLimits, Side,
-    UNUSUAL_ABOVE, Unusual,
+    BORDERLINE_FROM, Candidate, HeadDoubts, Judgement, ScoreCaveat, ScoreLimits, UNUSUAL_ABOVE,
+    Unusual,
 };
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;

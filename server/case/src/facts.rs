@@ -17,25 +17,28 @@ pub struct WindowFacts {
     pub width: f32,
 }
 
-/// A sphere in patient space.
+/// A sphere in the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SphereView))]
 pub struct SphereFacts {
     /// Its centre, LPS mm.
     pub center_in_patient: [f64; 3],
-    /// Its radius in mm.
+    /// Its radius.
     pub radius_mm: f64,
 }
 
-/// A plane in patient space: the points `p` (LPS mm) with `normal · p = offset_mm`.
+/// A plane in the patient: the points `p` with `normal · p = offset_mm`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = PlaneView))]
 pub struct PlaneFacts {
-    /// Its unit normal, LPS.
+    /// The unit normal, towards the patient's left, LPS.
     pub normal: [f64; 3],
-    /// Its distance from the origin along the normal, in mm.
+    /// Its distance from the origin of patient space, along the normal.
     pub offset_mm: f64,
-    /// The correlation of the intensities with those at their mirror images, 0 to 1.
+    /// The correlation of the intensities in the head with those at their mirror images, 0 to 1.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub correlation: f64,
-    /// Whether the two sides are so unlike that the plane may be wrong.
+    /// Whether the correlation is below 0.5: the plane may be wrong.
     pub doubtful: bool,
 }
 
@@ -113,7 +116,7 @@ pub struct CaseFacts {
     pub voxels: Option<VoxelFacts>,
     /// The sphere around the envelope that zoom 1 fits into a picture.
     pub envelope_sphere: SphereFacts,
-    /// The plane between the hemispheres, with its normal to the patient's left.
+    /// The plane between the hemispheres.
     pub midsagittal: PlaneFacts,
     /// The faces of the volume that cut the brain, and planes within it beyond which it is constant. They are not dura: a voxel
     /// nearer to one than its depth has an unknown depth.
@@ -231,6 +234,17 @@ pub struct Case {
     pub kept: bool,
     /// When it will be removed because of its age; `None` if never. A store sets this, not its rows.
     pub expires_at: Option<Timestamp>,
+}
+
+/// What to change about a case.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = CasePatch))]
+#[serde(deny_unknown_fields)]
+pub struct CaseChange {
+    /// Whether to keep it, whatever its age.
+    pub kept: Option<bool>,
+    /// Another label: at most 200 characters, without control characters.
+    pub name: Option<String>,
 }
 
 impl Case {

@@ -526,6 +526,19 @@ pub struct Layer {
     pub closed: Option<Closed>,
 }
 
+/// Changes of an added layer that keep its id.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LayerPatch))]
+#[serde(deny_unknown_fields, default)]
+pub struct LayerChange {
+    /// Another name.
+    pub name: Option<String>,
+    /// Another place among the added layers, from 0.
+    pub place: Option<usize>,
+    /// The contrast of a layer of the kind `mr`. The newest `flair` gets the map `flair`.
+    pub contrast: Option<Contrast>,
+}
+
 impl Layer {
     /// Whether it can be drawn.
     pub fn is_shown(&self) -> bool {

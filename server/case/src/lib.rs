@@ -21,8 +21,8 @@ mod surface;
 
 pub use client::Client;
 pub use facts::{
-    Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, VoxelFacts,
-    WindowFacts,
+    Case, CaseChange, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts,
+    VoxelFacts, WindowFacts,
 };
 pub use failure::{Failure, FailureKind, SOURCE_DAMAGED, SOURCE_MISSING};
 pub use gyrus::{Gyrus, Lobe};
@@ -30,8 +30,8 @@ pub use id::{CaseId, NotACaseId};
 pub use images::Closed;
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
-    Contrast, LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MAX_LAYERS,
-    MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, Transform,
+    Contrast, LabelFacts, Layer, LayerChange, LayerFacts, LayerId, LayerKind, LayerParameters,
+    MAX_LAYERS, MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, Transform,
 };
 pub use maps::{
     BrainRegion, CandidateFacts, JunctionBandFacts, MapName, RegionFacts, RegionNumbers, Unusual,

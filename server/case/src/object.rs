@@ -22,9 +22,9 @@ pub enum ObjectKind {
     Maps,
     /// The closed parts of the brain, or why there are none; made with the maps, or else when one is first shown.
     Surfaces,
-    /// A DICOM file that came from a PACS and is part of no case yet.
+    /// A DICOM file that is part of no case yet.
     Instance,
-    /// A DICOM object made from the case, which is sent to a PACS.
+    /// A DICOM object made from the case, which is sent to others.
     Result,
     /// The uploaded volume of a layer; if it came as DICOM, the volume made from it.
     SourceLayer,

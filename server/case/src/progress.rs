@@ -100,7 +100,10 @@ impl Stage {
 
 /// The progress of a preparation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = ProgressView))]
 pub struct Progress {
+    /// `reading`, `extracting`, `mask`, `closing`, `distance`, `core`, `forest`, `mesh` or `storing`.
+    #[cfg_attr(feature = "openapi", schema(value_type = String))]
     pub stage: Stage,
     /// The finished fraction of the whole preparation, 0 to 1.
     pub fraction: f32,

@@ -8,7 +8,7 @@ use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload, upk
 
 use crate::application::Cases;
 use crate::error::Error;
-use crate::series::series_of_stored;
+use crate::series::series_of;
 
 /// What became of the objects that no row named.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -76,11 +76,12 @@ impl Cases {
                 if upload.case_id(parameters) != case {
                     return Ok(Again::Impossible);
                 }
-                let label = self.label_of(&upload).await?;
-                let series = match &upload.dicom {
-                    Some(stored) => series_of_stored(&stored.read().await?),
+                let attributes = match &upload.dicom {
+                    Some(stored) => Some(pipeline::attributes(&stored.read().await?)?),
                     None => None,
                 };
+                let label = attributes.as_ref().and_then(|it| self.label_of(it));
+                let series = attributes.as_ref().and_then(series_of);
                 match upkeep::adopt(store, manifest_name, manifest, label, series).await? {
                     true => Ok(Again::Case),
                     false => Ok(Again::Known),

@@ -6,8 +6,7 @@ use std::time::{Duration, Instant};
 
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
-use imaging::Limits;
-use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
+use pipeline::atlas::{Atlas, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
@@ -19,18 +18,19 @@ use crate::dicom::{DicomReader, HeaderReader};
 use crate::error::Error;
 use crate::library::{Library, LibraryOptions, Preparation};
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
-use crate::pictures::{Graphics, GraphicsOptions, PictureRequest};
+use crate::models::{Models, WarmModel};
+use crate::pictures::{Graphics, PictureRequest};
 use crate::removal::BeforeRemoval;
-
-/// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
-pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
+use crate::settings::{Limits, MapsUse, Prepare, Render, cores};
 
 /// The number of cases that are remembered as ready.
 const REMEMBERED_CASES: usize = 4096;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
-pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(10);
+pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(2);
+
+/// The same if the database is unreachable.
+pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 
 /// The options of the application.
 #[derive(Debug, Clone)]
@@ -39,35 +39,15 @@ pub struct Options {
     pub location: Location,
     /// The options of the store.
     pub store: storage::Options,
-    /// The file with the weights for brain extraction; by default the one beside the program.
-    pub network: Option<PathBuf>,
-    /// The atlas that names gyri.
-    pub atlas: AtlasChoice,
-    /// The limits of a preparation.
     pub limits: Limits,
-    /// The limits on the dimensions of a head.
-    pub head: HeadLimits,
-    /// Pictures, meshes and checks of uploads that are computed at a time.
-    pub render_threads: usize,
-    /// The number of these that may wait.
-    pub max_queued_renders: usize,
-    /// Memory for what is kept of cases, in bytes.
-    pub cache_bytes: u64,
+    pub prepare: Prepare,
+    pub render: Render,
     /// What the processes that read files and prepare cases may use.
     pub children: ChildBudget,
-    /// Threads of each preparation.
-    pub preparation_threads: usize,
     /// Whether each preparation runs in a process of its own, which is `dicom_program`.
     pub prepares_apart: bool,
-    /// The limit for the CPU time of a preparation in a process of its own, in seconds.
-    pub preparation_cpu_seconds: u64,
-    /// Whether to compute maps of the cases.
-    pub makes_maps: bool,
-    pub graphics: GraphicsOptions,
     /// The program that reads DICOM files.
     pub dicom_program: Program,
-    /// The limit for the unpacked DICOM files of an upload, in bytes.
-    pub max_dicom_bytes: u64,
     /// Whether no identity of a patient is kept.
     pub deidentify: bool,
     /// What is told of each expired case before it is removed.
@@ -93,24 +73,24 @@ pub enum StartError {
 /// # Errors
 /// If the store or the network cannot be opened.
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
-    let extractor = Extractor::open(options.network.as_deref())?;
+    let extractor = Extractor::open(options.prepare.network.as_deref())?;
     let store = Store::open(options.location.clone(), options.store.clone()).await?;
     let words = extractor.words();
     match extractor.has_network() {
         true => tracing::info!("brains are extracted {words}"),
         false => tracing::warn!("brains are extracted {words}"),
     }
-    let pipeline = Pipeline::new(extractor).with_threads(options.preparation_threads);
+    let pipeline = Pipeline::new(extractor).with_threads(cores());
     let preparation = match options.prepares_apart {
         false => pipeline.into(),
         true => {
             let absolute = |path: &PathBuf| std::path::absolute(path).map_err(StoreError::Disk);
             let process = PrepareProcess {
                 program: options.dicom_program.clone(),
-                network: options.network.as_ref().map(absolute).transpose()?,
+                network: (options.prepare.network.as_ref().map(absolute)).transpose()?,
                 scratch: absolute(&store.spools().path())?,
-                threads: options.preparation_threads,
-                cpu_seconds: options.preparation_cpu_seconds,
+                threads: cores(),
+                cpu_seconds: options.prepare.max_cpu_secs,
             };
             Preparation {
                 has_network: pipeline.has_network(),
@@ -122,9 +102,9 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
         }
     };
     let library_options = LibraryOptions {
-        limits: options.limits,
-        makes_maps: options.makes_maps,
-        cache_bytes: options.cache_bytes,
+        limits: options.limits.volumes(),
+        makes_maps: options.limits.maps == MapsUse::On,
+        cache_bytes: options.render.cache_bytes,
         children: options.children,
     };
     let library = Library::new(store, preparation, library_options);
@@ -165,7 +145,7 @@ impl Cases {
     pub async fn open(options: Options) -> Result<Self, StartError> {
         // Boxed, because the compiler rejects futures that are nested deeper.
         let library = Box::pin(open_library(&options)).await?;
-        let atlas = Atlas::open(&options.atlas)?.map(Arc::new);
+        let atlas = Atlas::open(&options.prepare.atlas)?.map(Arc::new);
         Ok(Self {
             atlas,
             ..Self::on(library, &options)
@@ -179,25 +159,20 @@ impl Cases {
         library.store().on_delete(move |id| {
             ready.remove(id);
         });
-        let dicom = DicomReader::new(
-            options.dicom_program.clone(),
-            options.limits,
-            options.max_dicom_bytes,
-        );
-        let dicom = dicom.with_memory(library.children().clone());
-        let headers = HeaderReader::new(FileReader::new(
-            options.dicom_program.clone(),
-            MAX_INSTANCE_BYTES,
-            library.children().clone(),
-        ));
+        let Options { limits, render, .. } = options;
+        let head = HeadLimits::with_sides_from(limits.min_field_mm);
+        let (program, memory) = (&options.dicom_program, library.children());
+        let dicom = DicomReader::new(program.clone(), limits.volumes(), limits.max_dicom_bytes());
+        let dicom = dicom.with_memory(memory.clone());
+        let headers = HeaderReader::new(FileReader::new(program.clone(), memory.clone()));
         Self {
             models: Models::new(library.clone()),
             library,
-            queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
-            graphics: Graphics::start(options.graphics),
+            queue: ConcurrencyLimit::new(render.threads, limits.max_queued_renders),
+            graphics: Graphics::start(render),
             dicom: Arc::new(dicom),
             headers: Arc::new(headers),
-            checks: CheckMemory::new(options.head, options.limits),
+            checks: CheckMemory::new(head, limits.volumes()),
             registering: Arc::default(),
             atlas: None,
             deidentify: options.deidentify,
@@ -237,12 +212,19 @@ impl Cases {
         let asked = self.store().case(id).await;
         if let Err(error) = &asked
             && error.is_away()
-            && let Some((since, facts)) = remembered
+            && let Some((since, facts)) = &remembered
             && since.elapsed() < REMEMBERED_WHILE_AWAY
         {
-            return Ok(facts);
+            return Ok(Arc::clone(facts));
         }
-        let case = asked?.ok_or(Error::NoSuchCase)?;
+        let case = asked?;
+        let is_ready = case
+            .as_ref()
+            .is_some_and(|case| case.state == CaseState::Ready);
+        if remembered.is_some() && !is_ready {
+            self.forget(id);
+        }
+        let case = case.ok_or(Error::NoSuchCase)?;
         match (case.state, case.facts, case.failure) {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
@@ -291,6 +273,7 @@ impl Cases {
     /// # Errors
     /// As [`Cases::ready`], and [`Error::NoSurfaces`].
     pub async fn surface(&self, id: &CaseId, surface: SurfaceName) -> Result<WarmModel, Error> {
+        self.ready(id).await?;
         if let Some(model) = self.models.get(id, surface).await? {
             return Ok(model);
         }
@@ -376,10 +359,9 @@ impl Cases {
         Ok(deleted?)
     }
 
-    /// Lets time pass for what is remembered, as this handle sees it.
+    /// Lets time pass for what is remembered.
     #[cfg(test)]
-    pub(crate) fn pass_time(&mut self, by: Duration) {
-        self.models.pass_time(by);
+    pub(crate) fn pass_time(&self, by: Duration) {
         for (id, (since, facts)) in self.remembered.iter() {
             self.remembered.insert(id, (since - by, facts));
         }

@@ -15,7 +15,7 @@ use tempfile::TempDir;
 
 use crate::application::Cases;
 use crate::client::{in_store, this_client};
-use crate::dicom::{Choice, Form, Input, Options};
+use crate::dicom::{Attributes, Choice, Form, Input, Options};
 use crate::error::Error;
 use crate::series::series_of_stored;
 
@@ -153,8 +153,10 @@ impl Cases {
     ) -> Result<Submitted, Error> {
         let mut parameters = self.check_upload(&upload, parameters).await?;
         let renames = renames && parameters.name.is_some();
-        if parameters.name.is_none() {
-            parameters.name = self.label_of(&upload).await?;
+        if parameters.name.is_none()
+            && let Some(stored) = &upload.dicom
+        {
+            parameters.name = self.label_of(&pipeline::attributes(&stored.read().await?)?);
         }
         let store = self.store_of_client();
         Ok(store.submit(upload, parameters, previous, renames).await?)
@@ -165,15 +167,10 @@ impl Cases {
         self.store().for_client(&in_store(this_client()))
     }
 
-    /// The label of the series of an upload; `None` if it is not DICOM, or if identities are not kept, which a name of a
-    /// series may be.
-    pub(crate) async fn label_of(&self, upload: &Upload) -> Result<Option<String>, Error> {
-        let stored = match &upload.dicom {
-            Some(stored) if !self.deidentifies() => stored.read().await?,
-            _ => return Ok(None),
-        };
-        let label = pipeline::attributes(&stored)?.label();
-        Ok(label.filter(|label| Parameters::check_name(label).is_ok()))
+    /// The label of a series; `None` if identities are not kept, which a name of a series may be.
+    pub(crate) fn label_of(&self, attributes: &Attributes) -> Option<String> {
+        let label = attributes.label().filter(|_| !self.deidentifies());
+        label.filter(|label| Parameters::check_name(label).is_ok())
     }
 
     /// Checks a version of a case and queues it, as [`Cases::submit`].

@@ -1,12 +1,14 @@
 //! Further volumes of the head of a case: submitted, listed, changed and deleted.
 
-use case::{CaseId, CaseState, Contrast, Failure, Layer, LayerId, LayerKind, LayerParameters};
+use case::{
+    CaseId, CaseState, Contrast, Failure, Layer, LayerChange, LayerId, LayerKind, LayerParameters,
+};
 use imaging::START_BYTES;
 use pipeline::layers::{LayerSource, check_layer};
-use storage::{LayerChange, LayerName, LayerUpload, SubmittedLayer};
+use storage::{LayerName, LayerUpload, SubmittedLayer};
 
 use crate::application::Cases;
-use crate::dicom::{Choice, Options, SeriesView};
+use crate::dicom::{Choice, Options, SeriesSummary};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
 use crate::pictures::LayerRef;
@@ -35,7 +37,7 @@ pub struct ReceivedLayer {
 /// # Errors
 /// If they do not fit together.
 pub fn parameters_of(
-    series: Option<&SeriesView>,
+    series: Option<&SeriesSummary>,
     name: Option<&str>,
     kind: Option<LayerKind>,
     unit: Option<String>,

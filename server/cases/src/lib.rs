@@ -25,11 +25,12 @@ pub mod report;
 pub mod runner;
 pub mod search;
 mod series;
+pub mod settings;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 
 pub use adopt::Adopted;
-pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
+pub use application::{Cases, Options, StartError, open_library};
 pub use client::for_client;
 pub use error::Error;
 pub use intake::VolumeFiles;

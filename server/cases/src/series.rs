@@ -1,4 +1,4 @@
-//! The series of cases, by which viewers of a PACS find them.
+//! The series of cases, by which viewers find them.
 
 use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Uid};
 use imaging::dicom::Attributes;

@@ -9,9 +9,7 @@ use bytes::Bytes;
 use case::{
     Case, CaseId, CaseState, Failure, FailureKind, ObjectKind, Parameters, Progress, Stage,
 };
-use imaging::Limits;
-use pipeline::atlas::AtlasChoice;
-use pipeline::{Derived, HeadLimits, Source};
+use pipeline::{Derived, Source};
 use storage::testing::{facts, failure};
 use storage::{Options, Store};
 use worker::ChildBudget;
@@ -19,8 +17,8 @@ use worker::ChildBudget;
 use crate::application::Cases;
 use crate::dicom::Program;
 use crate::library::{Library, LibraryOptions, Preparation};
-use crate::pictures::{GpuUse, GraphicsOptions};
 use crate::removal::BeforeRemoval;
+use crate::settings::{Limits, Prepare, Render};
 
 /// A preparation that takes as long as it is told, and whose results are made of the source's bytes.
 #[derive(Debug, Default)]
@@ -174,22 +172,16 @@ pub fn application(store: Store, script: &str) -> Cases {
     let arguments = vec!["-c".into(), script.into()];
     let options = crate::Options {
         location: Path::new("unused").into(),
-        preparation_threads: 1,
-        prepares_apart: false,
-        preparation_cpu_seconds: 120,
-        makes_maps: false,
         store: options(),
-        network: None,
-        atlas: AtlasChoice::Off,
         limits: Limits::default(),
-        head: HeadLimits::default(),
-        render_threads: 1,
-        max_queued_renders: 4,
-        cache_bytes: 1 << 20,
+        prepare: Prepare::default(),
+        render: Render {
+            threads: 1,
+            ..Render::on_cpu()
+        },
         children: ChildBudget::default(),
-        graphics: GraphicsOptions::of_one(GpuUse::Off),
+        prepares_apart: false,
         dicom_program: Program::other("/bin/sh".into(), arguments),
-        max_dicom_bytes: 1 << 20,
         deidentify: false,
         before_removal: BeforeRemoval::default(),
     };

@@ -16,7 +16,7 @@ fn main() -> Result<(), ExtractionError> {
         "deepest point {:.1} mm below the envelope",
         found.closed.max_depth_mm()
     );
-    println!("{:?}", found.quality.verdict);
+    println!("{:?}", found.quality.rating);
     for reason in &found.quality.reasons {
         println!("  {reason}");
     }

@@ -3,9 +3,9 @@
 use geometry::Volume;
 
 use crate::axes::with_other_axes;
-use crate::doubt::Verdict;
 use crate::methods::{Extraction, predict, pruned};
 use crate::quality::Because;
+use crate::rating::Rating;
 use crate::{ExtractionError, Network, Observe};
 
 /// The fraction of the work for the first method; the second is rarely needed.
@@ -17,7 +17,7 @@ const DOUBTFUL_AGREEMENT: f64 = 0.95;
 /// Finds the brain in a T1-weighted head, in any orientation and at any spacing.
 ///
 /// With a network, the brain is where the probability exceeds `threshold` (0.5 is the surface of the training; less
-/// makes the brain larger). Without a network, or if its result is [`Verdict::Failed`] and pruning does better,
+/// makes the brain larger). Without a network, or if its result is [`Rating::Failed`] and pruning does better,
 /// [`prune`](crate::prune) is used. `observe` receives the finished fraction several times a second and can stop the work. The result
 /// is byte-identical for any number of threads.
 ///
@@ -25,7 +25,7 @@ const DOUBTFUL_AGREEMENT: f64 = 0.95;
 /// without mirroring are tried. If the network finds a brain with one of them, that brain is returned, placed by the
 /// header of the volume, and [`Quality::other_patient_from_voxel`](crate::Quality::other_patient_from_voxel) contains the corrected affine.
 ///
-/// A result rated [`Verdict::Failed`] is returned too; the caller must report it.
+/// A result rated [`Rating::Failed`] is returned too; the caller must report it.
 ///
 /// # Errors
 /// If nothing in the volume can be a brain, or if `observe` stops the work.
@@ -51,7 +51,7 @@ pub fn extract(
         }
     }
     let is_in_doubt = match &first {
-        Ok(found) => found.quality.verdict == Verdict::Failed,
+        Ok(found) => found.quality.rating == Rating::Failed,
         Err(error) => *error != ExtractionError::Cancelled,
     };
     if !is_in_doubt {
@@ -62,7 +62,7 @@ pub fn extract(
     });
     match (first, second) {
         (_, Err(ExtractionError::Cancelled)) => Err(ExtractionError::Cancelled),
-        (first, Ok(second)) if second.quality.verdict < Verdict::Failed || first.is_err() => {
+        (first, Ok(second)) if second.quality.rating < Rating::Failed || first.is_err() => {
             Ok(second)
         }
         (first, _) => first,

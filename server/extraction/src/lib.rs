@@ -2,7 +2,6 @@
 
 mod axes;
 mod canonical;
-mod doubt;
 mod error;
 mod extract;
 mod flatness;
@@ -13,12 +12,12 @@ mod observe;
 mod probability;
 mod pruning;
 mod quality;
+mod rating;
 mod rim;
 mod slices;
 mod supplied;
 
 pub use canonical::canonical_axes;
-pub use doubt::{Reason, Verdict};
 pub use error::ExtractionError;
 pub use extract::extract;
 pub use foreground::check_foreground;
@@ -27,7 +26,8 @@ pub use network::{Network, Prediction};
 pub use observe::Observe;
 pub use probability::Probability;
 pub use pruning::{PruningParameters, prune_with};
-pub use quality::{Because, Masked, Opinion, Origin, Quality, Shape, judge};
+pub use quality::{Because, Masked, Opinion, Origin, Quality, Shape, rate};
+pub use rating::{Rating, Reason};
 pub use rim::Rim;
 pub use slices::Slices;
 pub use supplied::{Comparison, SurfaceDistance};

@@ -4,7 +4,7 @@ use geometry::{BrainCuts, BrainMask, DistanceMap, Mask, Volume, cut_envelope, di
 
 use crate::observe::go_on;
 use crate::pruning::{PruningParameters, prune_with};
-use crate::quality::{Because, Masked, Origin, Quality, judge};
+use crate::quality::{Because, Masked, Origin, Quality, rate};
 use crate::{ExtractionError, Network, Observe};
 
 /// How a brain was found.
@@ -58,7 +58,7 @@ pub fn predict(
 
 /// Finds the brain by tree pruning alone. It needs no weights, but a good contrast between grey and white matter.
 ///
-/// The verdict is at best [`Verdict::Review`](crate::Verdict::Review).
+/// The rating is at best [`Rating::Review`](crate::Rating::Review).
 ///
 /// # Errors
 /// As [`extract`](crate::extract()).
@@ -96,7 +96,7 @@ pub(crate) fn rated(
         cuts: &cuts,
         volume,
     };
-    let quality = judge(masked, origin)?;
+    let quality = rate(masked, origin)?;
     Ok(Extraction {
         brain,
         closed,

@@ -5,11 +5,11 @@ use std::ops::RangeInclusive;
 use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
-use crate::doubt::{Doubt, Reason, Verdict, doubt, graded, review_if};
 use crate::flatness::flatness;
+use crate::rating::{Rating, Reason, graded, reason, review_if};
 use crate::rim::{Rim, brightness_of_rim, rim, without_scalp};
 use crate::slices::{Slices, lateral_axis, slices};
-use crate::supplied::{Comparison, doubts_of_border};
+use crate::supplied::{Comparison, reasons_of_border};
 use crate::{ExtractionError, Prediction};
 
 /// The measurements of a mask and its rating.
@@ -17,9 +17,9 @@ use crate::{ExtractionError, Prediction};
 /// A number that could not be measured, or that does not apply to the origin of the mask, is `None`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// The worst verdict on any number.
-    pub verdict: Verdict,
-    /// A reason for each unusual number; empty if the verdict is [`Verdict::Ok`].
+    /// The worst rating on any number.
+    pub rating: Rating,
+    /// A reason for each unusual number; empty if the rating is [`Rating::Ok`].
     pub reasons: Vec<Reason>,
     /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
     pub volume_ml: f64,
@@ -79,12 +79,12 @@ const LEAST_HEIGHT: f64 = 0.65;
 /// The least [`flatness`] of a brain. Of eight sound heads, from 0.67 to 0.79; with 0.75 times their slice distance, 0.52 to 0.60.
 const LEAST_FLATNESS: f64 = 0.62;
 
-fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
+fn reason_of_face(face: Face, area_cm2: f64) -> Option<Reason> {
     let is_cut = match face {
         Face::Inferior => area_cm2 >= MOST_BELOW_CM2,
         _ => area_cm2 > MOST_ON_A_FACE_CM2,
     };
-    doubt(review_if(is_cut), code_of_cut(face), || {
+    reason(review_if(is_cut), code_of_cut(face), || {
         format!(
             "the mask covers {area_cm2:.0} cm² of the {} face of the volume, or of a plane beyond which the volume is constant; is the \
              brain cut there?",
@@ -147,7 +147,7 @@ const MOST_ORDER: f64 = 0.88;
 const MORE_THAN_OTHERS: f64 = 1.15;
 const MOST_STEP: f64 = 2.2;
 
-/// The greatest distance of slices whose steps are judged, in mm: a smooth pattern in voxels of 4 mm has a step of 3.
+/// The greatest distance of slices whose steps are rated, in mm: a smooth pattern in voxels of 4 mm has a step of 3.
 const COARSEST_STEP_MM: f64 = 2.05;
 
 /// The names of the axes of a file.
@@ -199,51 +199,51 @@ pub enum Opinion<'a> {
 
 /// Rates a mask: the one place that decides what is unusual about it.
 ///
-/// A mask that came with the upload is at worst [`Verdict::Review`], because somebody chose it.
+/// A mask that came with the upload is at worst [`Rating::Review`], because somebody chose it.
 ///
 /// # Errors
 /// If the mask cannot be compared on its grid.
-pub fn judge(masked: Masked<'_>, origin: Origin<'_>) -> Result<Quality, ExtractionError> {
+pub fn rate(masked: Masked<'_>, origin: Origin<'_>) -> Result<Quality, ExtractionError> {
     let mut quality = Quality::measure(masked);
-    quality.judge_volume();
-    quality.judge_pieces();
-    quality.judge_cuts();
-    quality.judge_slices(masked);
+    quality.rate_volume();
+    quality.rate_pieces();
+    quality.rate_cuts();
+    quality.rate_slices(masked);
     if !matches!(origin, Origin::Stripped(_)) {
-        quality.judge_scalp(masked);
+        quality.rate_scalp(masked);
     }
     match origin {
         Origin::Predicted(prediction) => {
-            quality.judge_as_found(masked);
+            quality.rate_as_found(masked);
             quality.agreement = Some(agreement(prediction, masked.brain)?);
             quality.uncertain = Some(uncertain_share(prediction));
-            quality.judge_prediction();
+            quality.rate_prediction();
         }
         Origin::Turned([agreement, uncertain]) => {
-            quality.judge_as_found(masked);
+            quality.rate_as_found(masked);
             (quality.agreement, quality.uncertain) = (agreement, uncertain);
         }
         Origin::Pruned(because) => {
-            quality.judge_as_found(masked);
-            quality.judge_pruning(because);
+            quality.rate_as_found(masked);
+            quality.rate_pruning(because);
         }
         Origin::Supplied(network) => {
-            quality.judge_as_supplied(masked, network)?;
-            quality.verdict = quality.verdict.min(Verdict::Review);
+            quality.rate_as_supplied(masked, network)?;
+            quality.rating = quality.rating.min(Rating::Review);
         }
         Origin::Stripped(network) => {
-            quality.judge_as_stripped(masked, network)?;
-            quality.verdict = quality.verdict.min(Verdict::Review);
+            quality.rate_as_stripped(masked, network)?;
+            quality.rating = quality.rating.min(Rating::Review);
         }
     }
     Ok(quality)
 }
 
 impl Quality {
-    /// The measurements of every mask; nothing is judged yet.
+    /// The measurements of every mask; nothing is rated yet.
     fn measure(masked: Masked<'_>) -> Self {
         Self {
-            verdict: Verdict::Ok,
+            rating: Rating::Ok,
             reasons: Vec::new(),
             volume_ml: masked.brain.volume_ml(),
             largest_component: masked.mask.largest_component_share(),
@@ -260,7 +260,7 @@ impl Quality {
     }
 
     /// Whether a side of the brain ends in air while the others lie below scalp: the head fades out there, or its slices are noise.
-    fn judge_scalp(&mut self, masked: Masked<'_>) {
+    fn rate_scalp(&mut self, masked: Masked<'_>) {
         let bare = without_scalp(masked.volume, masked.closed).unwrap_or_default();
         let share = |face: Face| bare[face as usize];
         for face in SCALP_SIDES {
@@ -280,7 +280,7 @@ impl Quality {
 
     /// Whether the header and the stored values describe a head: whether the axes are perpendicular, and how many voxels inside the
     /// envelope were no finite numbers.
-    pub fn judge_source(&mut self, volume_grid: &Grid, not_finite: usize) {
+    pub fn rate_source(&mut self, volume_grid: &Grid, not_finite: usize) {
         let axes = volume_grid.patient_from_voxel().matrix3;
         let unit = [0, 1, 2].map(|axis| axes.col(axis).normalize());
         let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
@@ -301,16 +301,16 @@ impl Quality {
     }
 
     /// By shape and contrast, which every mask of this crate has.
-    fn judge_as_found(&mut self, masked: Masked<'_>) {
+    fn rate_as_found(&mut self, masked: Masked<'_>) {
         let shape = Shape::of(masked);
-        self.judge_shape(shape);
+        self.rate_shape(shape);
         self.shape = Some(shape);
         self.contrast = contrast(masked.volume, masked.closed);
-        self.judge_contrast(LEAST_CONTRAST);
+        self.rate_contrast(LEAST_CONTRAST);
     }
 
     /// By the brain that the network finds; without one, by the border alone.
-    fn judge_as_supplied(
+    fn rate_as_supplied(
         &mut self,
         masked: Masked<'_>,
         network: Opinion<'_>,
@@ -322,22 +322,22 @@ impl Quality {
             ..
         } = masked;
         self.contrast = contrast(volume, closed);
-        self.judge_contrast(LEAST_CONTRAST_OF_OTHERS);
+        self.rate_contrast(LEAST_CONTRAST_OF_OTHERS);
         self.rim = rim(volume, closed);
         self.compare(masked, network)?;
-        self.judge_opinion(network);
-        let doubts: Vec<Doubt> = match &self.comparison {
-            Some(comparison) => comparison.doubts().collect(),
-            None => doubts_of_border(self.rim, mask.grid(), volume.grid()).collect(),
+        self.rate_opinion(network);
+        let reasons: Vec<Reason> = match &self.comparison {
+            Some(comparison) => comparison.reasons().collect(),
+            None => reasons_of_border(self.rim, mask.grid(), volume.grid()).collect(),
         };
-        for doubt in doubts {
-            self.add(doubt);
+        for reason in reasons {
+            self.add(reason);
         }
         Ok(())
     }
 
     /// A brain over zeros may be anything over zeros: it is one if it looks like a brain, to the network too.
-    fn judge_as_stripped(
+    fn rate_as_stripped(
         &mut self,
         masked: Masked<'_>,
         network: Opinion<'_>,
@@ -352,7 +352,7 @@ impl Quality {
         self.contrast = contrast(masked.volume, masked.closed);
         // Of a single value there is nothing more to say.
         if values >= LEAST_VALUES {
-            self.judge_contrast(LEAST_CONTRAST_OF_OTHERS);
+            self.rate_contrast(LEAST_CONTRAST_OF_OTHERS);
             let rim = brightness_of_rim(masked.volume, masked.closed).unwrap_or_default();
             self.say(review_if((MOST_OF_RIM..1.0).contains(&rim)), "mask-tight", || {
                 "the brain begins with bright tissue, not with fluid; was more taken off than the skull? Depths count from where the zeros end, \
@@ -361,16 +361,16 @@ impl Quality {
             });
         }
         self.compare(masked, network)?;
-        self.judge_opinion(network);
+        self.rate_opinion(network);
         if matches!(network, Opinion::Uncertain) {
-            self.say(Verdict::Review, "network-uncertain", || {
+            self.say(Rating::Review, "network-uncertain", || {
                 "the network is not certain of a brain in this volume, which is exactly 0 outside; is it a T1-weighted head without its skull?"
                     .to_owned()
             });
         }
         // How far apart the borders are says nothing: without dura around it, the network's brain is less exact than the zeros are.
-        if let Some(doubt) = self.comparison.and_then(|found| found.doubt_of_overlap()) {
-            self.add(doubt);
+        if let Some(reason) = self.comparison.and_then(|found| found.reason_of_overlap()) {
+            self.add(reason);
         }
         Ok(())
     }
@@ -382,7 +382,7 @@ impl Quality {
         Ok(())
     }
 
-    fn judge_opinion(&mut self, network: Opinion<'_>) {
+    fn rate_opinion(&mut self, network: Opinion<'_>) {
         let finds_none = matches!(network, Opinion::NoBrain);
         self.say(review_if(finds_none), "network-no-brain", || {
             "the network finds no brain in this volume, so that the mask was compared with nothing; is it a T1-weighted head?"
@@ -391,7 +391,7 @@ impl Quality {
     }
 
     /// Whether the slices follow one another as those of one head.
-    fn judge_slices(&mut self, masked: Masked<'_>) {
+    fn rate_slices(&mut self, masked: Masked<'_>) {
         let grid = masked.volume.grid();
         self.slices = slices(masked.volume, masked.closed);
         let orders = self
@@ -432,32 +432,32 @@ impl Quality {
         }
     }
 
-    fn judge_volume(&mut self) {
+    fn rate_volume(&mut self) {
         let volume_ml = self.volume_ml;
         let lies_in = |least, most| (least..=most).contains(&volume_ml);
-        let verdict = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
-        self.say(verdict, "mask-volume", || {
+        let rating = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
+        self.say(rating, "mask-volume", || {
             format!("the mask has {volume_ml:.0} ml; a brain has 900 to 2200 ml")
         });
     }
 
-    fn judge_pieces(&mut self) {
+    fn rate_pieces(&mut self) {
         let lost = 100.0 * (1.0 - self.largest_component);
-        let verdict = review_if(self.largest_component < 0.98);
-        self.say(verdict, "mask-pieces", || {
+        let rating = review_if(self.largest_component < 0.98);
+        self.say(rating, "mask-pieces", || {
             format!("{lost:.1} % of the mask lay outside its largest component and was dropped")
         });
     }
 
-    fn judge_cuts(&mut self) {
+    fn rate_cuts(&mut self) {
         for (face, area_cm2) in Face::ALL.into_iter().zip(self.cut_area_cm2) {
-            if let Some(doubt) = doubt_of_face(face, area_cm2) {
-                self.add(doubt);
+            if let Some(reason) = reason_of_face(face, area_cm2) {
+                self.add(reason);
             }
         }
     }
 
-    fn judge_shape(&mut self, shape: Shape) {
+    fn rate_shape(&mut self, shape: Shape) {
         let Shape {
             extents_mm: [width, length, height],
             closing_added: added,
@@ -507,24 +507,24 @@ impl Quality {
         });
     }
 
-    fn judge_contrast(&mut self, least: f64) {
-        if let Some(doubt) = doubt_of_contrast(self.contrast, least) {
-            self.add(doubt);
+    fn rate_contrast(&mut self, least: f64) {
+        if let Some(reason) = reason_of_contrast(self.contrast, least) {
+            self.add(reason);
         }
     }
 
-    fn judge_prediction(&mut self) {
+    fn rate_prediction(&mut self) {
         if let Some(agreement) = self.agreement {
-            let verdict = graded(agreement < 0.97, agreement < 0.90);
-            self.say(verdict, "network-agreement", || {
+            let rating = graded(agreement < 0.97, agreement < 0.90);
+            self.say(rating, "network-agreement", || {
                 format!(
                     "the coarse and the fine pass of the network agree by {agreement:.3} (Dice); sound heads reach 0.97"
                 )
             });
         }
         if let Some(uncertain) = self.uncertain {
-            let verdict = graded(uncertain > 0.035, uncertain > 0.1);
-            self.say(verdict, "network-uncertain", || {
+            let rating = graded(uncertain > 0.035, uncertain > 0.1);
+            self.say(rating, "network-uncertain", || {
                 format!(
                     "the network is uncertain of {:.1} % of the voxels; in sound heads, of 2 %",
                     uncertain * 100.0
@@ -534,8 +534,8 @@ impl Quality {
     }
 
     /// A mask found without the network is never ok, because tree pruning does not measure its certainty.
-    fn judge_pruning(&mut self, because: Because) {
-        self.say(Verdict::Review, "tree-pruning", || {
+    fn rate_pruning(&mut self, because: Because) {
+        self.say(Rating::Review, "tree-pruning", || {
             format!(
                 "the brain was found by tree pruning{}; this method does not measure its certainty",
                 because.words()
@@ -551,15 +551,15 @@ impl Quality {
         });
     }
 
-    fn say(&mut self, verdict: Verdict, code: &'static str, sentence: impl FnOnce() -> String) {
-        if let Some(doubt) = doubt(verdict, code, sentence) {
-            self.add(doubt);
+    fn say(&mut self, rating: Rating, code: &'static str, sentence: impl FnOnce() -> String) {
+        if let Some(reason) = reason(rating, code, sentence) {
+            self.add(reason);
         }
     }
 
-    fn add(&mut self, doubt: Doubt) {
-        self.reasons.push(doubt.reason);
-        self.verdict = self.verdict.max(doubt.verdict);
+    fn add(&mut self, reason: Reason) {
+        self.rating = self.rating.max(reason.rating);
+        self.reasons.push(reason);
     }
 
     /// Whether the network is certain enough for its mask to be compared with a supplied one.
@@ -580,7 +580,7 @@ impl Quality {
     /// Adds that the network finds the brain with other axes, and their affine.
     pub(crate) fn offer_axes(&mut self, patient_from_voxel: DAffine3) {
         self.other_patient_from_voxel = Some(patient_from_voxel);
-        self.say(Verdict::Review, "axes-other", || {
+        self.say(Rating::Review, "axes-other", || {
             "the network finds the brain only with other axes than those in the header; check the letters on the picture. The picture cannot \
              tell left from right: if the header reverses one axis or exchanges two, `corrected_header.mirrored` is correct, and \
              `corrected_header.turned` exchanges left and right. Ask whoever made the file which side is left, then upload the volume with \
@@ -598,13 +598,13 @@ const LEAST_CONTRAST_OF_PRUNING: f64 = 0.1;
 /// brighter, and inverted volumes have less.
 const LEAST_CONTRAST_OF_OTHERS: f64 = 0.0;
 
-/// The doubt that follows from the contrast between inside and rim.
-fn doubt_of_contrast(contrast: Option<f64>, least: f64) -> Option<Doubt> {
+/// The reason that follows from the contrast between inside and rim.
+fn reason_of_contrast(contrast: Option<f64>, least: f64) -> Option<Reason> {
     match contrast {
-        None => doubt(Verdict::Review, "mask-thin", || {
+        None => reason(Rating::Review, "mask-thin", || {
             "the mask is too thin to have an inside".to_owned()
         }),
-        Some(contrast) => doubt(review_if(contrast <= least), "contrast-inverted", || {
+        Some(contrast) => reason(review_if(contrast <= least), "contrast-inverted", || {
             "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?"
                 .to_owned()
         }),
@@ -761,7 +761,7 @@ mod tests {
     /// A rating of a usual brain, whose stem leaves the volume.
     fn usual() -> Quality {
         Quality {
-            verdict: Verdict::Ok,
+            rating: Rating::Ok,
             reasons: Vec::new(),
             volume_ml: 1300.0,
             largest_component: 1.0,
@@ -778,11 +778,11 @@ mod tests {
     }
 
     fn codes(mut quality: Quality) -> Vec<&'static str> {
-        quality.judge_volume();
-        quality.judge_pieces();
-        quality.judge_cuts();
+        quality.rate_volume();
+        quality.rate_pieces();
+        quality.rate_cuts();
         let codes: Vec<_> = quality.reasons.iter().map(|reason| reason.code).collect();
-        assert_eq!(quality.verdict == Verdict::Ok, codes.is_empty());
+        assert_eq!(quality.rating == Rating::Ok, codes.is_empty());
         codes
     }
 
@@ -829,7 +829,7 @@ mod tests {
         };
         let codes = |degrees: f64, not_finite: usize| {
             let mut quality = usual();
-            quality.judge_source(&leaning(degrees), not_finite);
+            quality.rate_source(&leaning(degrees), not_finite);
             let codes: Vec<_> = quality.reasons.iter().map(|reason| reason.code).collect();
             codes
         };

@@ -7,7 +7,7 @@ use geometry::{BorderField, Cut, DistanceMap, Grid, Mask};
 use glam::{DAffine3, DVec3};
 
 use crate::ExtractionError;
-use crate::doubt::{Doubt, Verdict, doubt, review_if};
+use crate::rating::{Rating, Reason, reason, review_if};
 use crate::rim::{Rim, flips};
 
 /// A supplied mask compared with the mask from the network, by their envelopes.
@@ -79,17 +79,17 @@ const LEAST_FLIPPED_RIM: f64 = 0.5;
 const SAME_PLACE: f64 = 0.05;
 
 /// What is unusual about the border of a mask that is compared with nothing else.
-pub(crate) fn doubts_of_border(
+pub(crate) fn reasons_of_border(
     rim: Option<Rim>,
     mask: &Grid,
     volume: &Grid,
-) -> impl Iterator<Item = Doubt> {
-    let doubts = [
-        rim.and_then(doubt_of_side),
-        doubt_of_rim(rim),
-        doubt_of_grid(mask, volume),
+) -> impl Iterator<Item = Reason> {
+    let reasons = [
+        rim.and_then(reason_of_side),
+        reason_of_rim(rim),
+        reason_of_grid(mask, volume),
     ];
-    doubts.into_iter().flatten()
+    reasons.into_iter().flatten()
 }
 
 impl Comparison {
@@ -143,25 +143,25 @@ impl Comparison {
         }))
     }
 
-    pub(crate) fn doubts(&self) -> impl Iterator<Item = Doubt> {
+    pub(crate) fn reasons(&self) -> impl Iterator<Item = Reason> {
         [
-            self.doubt_of_overlap(),
-            self.doubt_of_side(),
-            self.distance.doubt(),
-            self.doubt_of_lopsided(),
+            self.reason_of_overlap(),
+            self.reason_of_side(),
+            self.distance.reason(),
+            self.reason_of_lopsided(),
         ]
         .into_iter()
         .flatten()
     }
 
-    pub(crate) fn doubt_of_overlap(&self) -> Option<Doubt> {
+    pub(crate) fn reason_of_overlap(&self) -> Option<Reason> {
         let is_another = self.overlap < LEAST_OVERLAP;
-        let verdict = if is_another {
-            Verdict::Failed
+        let rating = if is_another {
+            Rating::Failed
         } else {
-            Verdict::Ok
+            Rating::Ok
         };
-        doubt(verdict, "mask-overlap", || {
+        reason(rating, "mask-overlap", || {
             format!(
                 "the mask and the brain found by the network overlap by only {:.3} (Dice); is this the mask of this head?",
                 self.overlap
@@ -169,7 +169,7 @@ impl Comparison {
         })
     }
 
-    fn doubt_of_lopsided(&self) -> Option<Doubt> {
+    fn reason_of_lopsided(&self) -> Option<Reason> {
         let farthest = self.lopsided_mm.into_iter().zip(SIDES);
         let (most, [first, second]) = farthest
             .max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()))
@@ -179,7 +179,7 @@ impl Comparison {
             false => [second, first],
         };
         let is_lopsided = most.abs() > MOST_LOPSIDED_MM;
-        doubt(review_if(is_lopsided), "mask-lopsided", || {
+        reason(review_if(is_lopsided), "mask-lopsided", || {
             format!(
                 "compared with the brain found by the network, the surface of the mask lies {:.1} mm farther out at the {out} than at the \
                  {other}; is the mask shifted, or wrong on one side?",
@@ -189,10 +189,10 @@ impl Comparison {
     }
 
     /// A flipped mask is one that fits if it is flipped back, and better than it does as it is.
-    fn doubt_of_side(&self) -> Option<Doubt> {
+    fn reason_of_side(&self) -> Option<Reason> {
         let is_nearer = self.flipped.rms_mm < NEARER * self.distance.rms_mm;
         let is_flipped = is_nearer && !self.flipped.is_far();
-        doubt(review_if(is_flipped), "mask-flipped", flipped_sentence)
+        reason(review_if(is_flipped), "mask-flipped", flipped_sentence)
     }
 }
 
@@ -273,14 +273,14 @@ impl SurfaceDistance {
             || self.patch_cm2 > MOST_PATCH_CM2
     }
 
-    fn doubt(&self) -> Option<Doubt> {
+    fn reason(&self) -> Option<Reason> {
         let Self {
             percentile_95_mm,
             mean_mm,
             patch_cm2,
             ..
         } = self;
-        doubt(review_if(self.is_far()), "mask-distance", || {
+        reason(review_if(self.is_far()), "mask-distance", || {
             if mean_mm.abs() > MOST_MEAN_MM {
                 let (size, side) = match *mean_mm > 0.0 {
                     true => ("large", "outside"),
@@ -305,11 +305,11 @@ impl SurfaceDistance {
     }
 }
 
-fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
+fn reason_of_rim(rim: Option<Rim>) -> Option<Reason> {
     let here = rim.map_or(0.0, |rim| rim.here);
     let fits = here >= LEAST_RIM;
     let is_placed = here >= SURE_RIM || rim.is_some_and(|rim| here - rim.elsewhere >= LEAST_GAIN);
-    doubt(review_if(!fits || !is_placed), "mask-rim", || {
+    reason(review_if(!fits || !is_placed), "mask-rim", || {
         if fits {
             "the border of the mask fits the volume as well when the mask is moved by 4 mm or turned by 5°, so the mask may lie in the wrong \
              place or be too rough; compare its outline with the slices"
@@ -325,9 +325,9 @@ fn doubt_of_rim(rim: Option<Rim>) -> Option<Doubt> {
 }
 
 /// Of a head that is inverted, no flip of its mask fits.
-fn doubt_of_side(rim: Rim) -> Option<Doubt> {
+fn reason_of_side(rim: Rim) -> Option<Reason> {
     let is_flipped = rim.flipped > (rim.here + LEAST_GAIN_OF_FLIP).max(LEAST_FLIPPED_RIM);
-    doubt(review_if(is_flipped), "mask-flipped", flipped_sentence)
+    reason(review_if(is_flipped), "mask-flipped", flipped_sentence)
 }
 
 fn flipped_sentence() -> String {
@@ -335,8 +335,8 @@ fn flipped_sentence() -> String {
         .to_owned()
 }
 
-fn doubt_of_grid(mask: &Grid, volume: &Grid) -> Option<Doubt> {
-    doubt(review_if(!share_places(mask, volume)), "mask-grid", || {
+fn reason_of_grid(mask: &Grid, volume: &Grid) -> Option<Reason> {
+    reason(review_if(!share_places(mask, volume)), "mask-grid", || {
         "the voxels of the mask and of the volume do not coincide; is this the mask of this head?"
             .to_owned()
     })

@@ -3,6 +3,7 @@
 pub mod client;
 pub mod client_limit;
 pub mod conditional;
+pub mod files;
 pub mod form_body;
 pub mod forwarded;
 pub mod fresh;

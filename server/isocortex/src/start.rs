@@ -11,11 +11,11 @@ use axum::Router;
 use cases::{BeforeRemoval, Cases, Library};
 use http::uploads::UploadLimits;
 use pacs::Pacs;
-use service::app::{ProtocolRoutes, app_with};
+use service::app::app_with;
 use service::state::{AppState, HttpOptions};
 use storage::DatabaseAddress;
 
-use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
+use crate::config::{Config, ConfigError, Network};
 
 /// Why a server cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -274,10 +274,7 @@ pub fn recorded(audit: &Audit) -> BeforeRemoval {
 pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
     let options = pacs::Options {
         uploads: UploadLimits {
-            max_bytes: config
-                .limits
-                .max_upload_bytes
-                .saturating_mul(DICOM_UNPACKING),
+            max_bytes: config.limits.max_dicom_bytes(),
             at_a_time: config.http.max_uploads,
             idle: config.http.timeouts.idle,
             whole: config.http.timeouts.whole,
@@ -293,9 +290,7 @@ pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
 
 /// Everything that is served over HTTP.
 pub fn router(state: &AppState, pacs: &Pacs) -> Router {
-    let pacs::Guarded { uploads, answers } = pacs::guarded_routes(pacs);
-    let beside = ProtocolRoutes { uploads, answers };
-    app_with(state.clone(), beside)
+    app_with(state.clone(), pacs::guarded_routes(pacs))
 }
 
 /// Opens the store for preparing cases only; `audit` as for [`open`].

@@ -173,12 +173,21 @@ pub(crate) struct PageQuery {
     after: Option<String>,
 }
 
-/// A query whose values are valid.
+/// A query for a page whose values are valid.
 #[derive(Debug)]
-pub(crate) struct Checked {
-    of: ArrivalQuery,
-    after: Option<Cursor>,
-    limit: usize,
+pub(crate) struct Checked<Query> {
+    pub(crate) of: Query,
+    pub(crate) after: Option<Cursor>,
+    pub(crate) limit: usize,
+}
+
+impl<Query> Checked<Query> {
+    /// The page after `after`, as a client wrote it.
+    pub(crate) fn new(of: Query, after: &Option<String>, limit: usize) -> Result<Self, AppError> {
+        check_count("limit", limit, 1, MAX_PAGE)?;
+        let after = value("after", after, "`next` of the page before", Cursor::parse)?;
+        Ok(Self { of, after, limit })
+    }
 }
 
 /// A value of the query, if there is one.
@@ -196,10 +205,9 @@ pub(crate) fn value<T>(
 }
 
 impl Asked for PageQuery {
-    type Values = Checked;
+    type Values = Checked<ArrivalQuery>;
 
-    fn checked(&self) -> Result<Checked, AppError> {
-        check_count("limit", self.limit, 1, MAX_PAGE)?;
+    fn checked(&self) -> Result<Self::Values, AppError> {
         let a_case = "the id of a case: 32 hexadecimal digits";
         let a_state = "`receiving`, `case`, `layer` or `nothing`";
         let a_time = "a time such as `2026-11-23T00:00:00Z`";
@@ -210,18 +218,14 @@ impl Asked for PageQuery {
                 .then(|| text.to_owned())
         };
         let time = |text: &str| text.parse::<Timestamp>().ok();
-        let cursor = "`next` of the page before";
-        Ok(Checked {
-            of: ArrivalQuery {
-                state: value("state", &self.state, a_state, ArrivalState::from_name)?,
-                case: value("case", &self.case, a_case, CaseId::parse)?,
-                text: value("text", &self.text, &a_text, text)?,
-                since: value("since", &self.since, a_time, time)?,
-                until: value("until", &self.until, a_time, time)?,
-            },
-            after: value("after", &self.after, cursor, Cursor::parse)?,
-            limit: self.limit,
-        })
+        let of = ArrivalQuery {
+            state: value("state", &self.state, a_state, ArrivalState::from_name)?,
+            case: value("case", &self.case, a_case, CaseId::parse)?,
+            text: value("text", &self.text, &a_text, text)?,
+            since: value("since", &self.since, a_time, time)?,
+            until: value("until", &self.until, a_time, time)?,
+        };
+        Checked::new(of, &self.after, self.limit)
     }
 }
 

@@ -230,7 +230,7 @@ impl Images<'_> {
                 continue;
             }
             let Some(file) = parts.spool(self.pacs.cases().store()).await? else {
-                return Err(PartsError::TooLarge(cases::MAX_INSTANCE_BYTES).into());
+                return Err(PartsError::TooLarge(cases::dicom::MAX_FILE_BYTES).into());
             };
             let identity = InstanceIdentity::read(self.pacs.cases(), &file).await?;
             if identity.uids == *self.uids && identity.is_image {

@@ -21,6 +21,7 @@ mod results;
 mod retrievals;
 mod send;
 mod series;
+pub mod settings;
 mod state;
 mod store;
 mod stow;
@@ -29,7 +30,7 @@ mod transfers;
 mod values;
 
 use access::audited::Audited;
-use access::routes::GuardedRoutes;
+use access::routes::{GuardedRoutes, ProtocolRoutes};
 use access::scopes::Scope;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
@@ -45,15 +46,7 @@ pub use self::state::{Options, Pacs};
 pub use self::store::{CopiedStep, CopyCounts, ImageStatus, PacsStore, PacsTables};
 
 /// The routes that need a token. Each states what the token must permit, and what is recorded.
-pub struct Guarded {
-    /// Those that take images, which have the time of an upload.
-    pub uploads: GuardedRoutes<()>,
-    /// The others, which have the time of an answer.
-    pub answers: GuardedRoutes<()>,
-}
-
-/// The routes that need a token.
-pub fn guarded_routes(pacs: &Pacs) -> Guarded {
+pub fn guarded_routes(pacs: &Pacs) -> ProtocolRoutes {
     let uploads = GuardedRoutes::default()
         .with(
             Scope::DicomStore,
@@ -153,5 +146,5 @@ pub fn guarded_routes(pacs: &Pacs) -> Guarded {
         let routes = routes.map(|routes| routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES)));
         routes.with_state(pacs.clone())
     });
-    Guarded { uploads, answers }
+    ProtocolRoutes { uploads, answers }
 }

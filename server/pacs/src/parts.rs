@@ -6,7 +6,7 @@ use std::time::Instant;
 use axum::body::HttpBody;
 use axum::http::StatusCode;
 use bytes::Bytes;
-use cases::MAX_INSTANCE_BYTES;
+use cases::dicom::MAX_FILE_BYTES;
 use futures_util::future::poll_fn;
 use storage::{ObjectError, Spooled, Store, StoreError};
 
@@ -90,7 +90,7 @@ impl<B: HttpBody<Data = Bytes> + Unpin> Parts<B> {
         let mut spool = Some(store.spools().begin().await?);
         while let Piece::Data(bytes) = self.piece().await? {
             let Some(file) = &mut spool else { continue };
-            if file.len() + bytes.len() as u64 > MAX_INSTANCE_BYTES {
+            if file.len() + bytes.len() as u64 > MAX_FILE_BYTES {
                 spool = None;
                 continue;
             }

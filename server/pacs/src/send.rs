@@ -7,7 +7,6 @@ use async_trait::async_trait;
 use case::{Failure, JobKind};
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
-use storage::tables::series;
 
 use crate::node::NodeError;
 use crate::series::SEVERAL_PATIENTS;
@@ -146,30 +145,12 @@ async fn may_leave(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     if result.series.sop_class_uid.as_str() == REJECTION_NOTE {
         return Ok(());
     }
-    match contradiction(pacs, result).await {
+    let arrivals = pacs.arrivals();
+    let named = arrivals.patient_of(result.object);
+    let found = arrivals.contradiction(&result.case, &result.study, named);
+    match found.await {
         Ok(None) => Ok(()),
         Ok(Some(why)) => Err(SendError::Contradicted(why)),
         Err(_) => Err(SendError::Store),
-    }
-}
-
-/// Why the case of a result, or the study that was named for a case that is not DICOM, is another patient's by now.
-async fn contradiction(
-    pacs: &Pacs,
-    result: &SentResult,
-) -> Result<Option<&'static str>, cases::Error> {
-    let arrivals = pacs.arrivals();
-    let mut connection = pacs.cases().store().connect().await?;
-    let series = series::of_case(&mut connection, &result.case).await?;
-    drop(connection);
-    if let Some(series) = series {
-        return arrivals.contradiction(&result.case, &series.uids).await;
-    }
-    match arrivals.patient_of(result.object).await? {
-        Some(named) => {
-            let study = &result.study;
-            arrivals.contradiction_of_study(study, &named).await
-        }
-        None => Ok(None),
     }
 }

@@ -4,13 +4,12 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, JobState};
-use cases::pictures::check_count;
 use serde::{Deserialize, Serialize};
+use storage::JobQuery;
 use storage::tables::{jobs, series};
-use storage::{Cursor, JobQuery};
 use utoipa::{IntoParams, ToSchema};
 
-use crate::arrivals::value;
+use crate::arrivals::{Checked, value};
 use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
@@ -18,7 +17,7 @@ use crate::state::Pacs;
 use crate::values::TransferQuery;
 use http::fresh::fresh_json;
 use http::problem::AppError;
-use http::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
+use http::query::{ApiQuery, Asked, usual_page};
 
 /// Which entries, and which page.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -57,30 +56,17 @@ pub(crate) struct RetrievalList {
     next: Option<String>,
 }
 
-/// A query whose values are valid.
-#[derive(Debug)]
-pub(crate) struct Checked {
-    of: TransferQuery,
-    after: Option<Cursor>,
-    limit: usize,
-}
-
 impl Asked for ListQuery {
-    type Values = Checked;
+    type Values = Checked<TransferQuery>;
 
-    fn checked(&self) -> Result<Checked, AppError> {
-        check_count("limit", self.limit, 1, MAX_PAGE)?;
+    fn checked(&self) -> Result<Self::Values, AppError> {
         let a_case = "the id of a case: 32 hexadecimal digits";
         let a_state = "`queued`, `running`, `done` or `failed`";
-        let cursor = "`next` of the page before";
-        Ok(Checked {
-            of: TransferQuery {
-                case: value("case", &self.case, a_case, CaseId::parse)?,
-                state: value("state", &self.state, a_state, JobState::from_name)?,
-            },
-            after: value("after", &self.after, cursor, Cursor::parse)?,
-            limit: self.limit,
-        })
+        let of = TransferQuery {
+            case: value("case", &self.case, a_case, CaseId::parse)?,
+            state: value("state", &self.state, a_state, JobState::from_name)?,
+        };
+        Checked::new(of, &self.after, self.limit)
     }
 }
 

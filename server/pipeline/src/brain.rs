@@ -1,6 +1,6 @@
 //! Finds the brain mask: supplied, from a skull-stripped volume, or extracted.
 
-use extraction::{ExtractionError, Masked, Opinion, Origin, closed, judge};
+use extraction::{ExtractionError, Masked, Opinion, Origin, closed, rate};
 use geometry::{
     BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume,
 };
@@ -27,14 +27,14 @@ pub(super) struct Found {
     cuts: Vec<Cut>,
     /// The depth below its envelope, if the extraction or the rating has already closed it by the requested radius.
     closed: Option<DistanceMap>,
-    verdict: Verdict,
+    quality: MaskQuality,
 }
 
-/// The rating of a mask.
-enum Verdict {
-    Rated(MaskMethod, Box<extraction::Quality>),
+/// The quality of a mask.
+enum MaskQuality {
+    Measured(MaskMethod, Box<extraction::Quality>),
     /// From an earlier preparation.
-    Known(Box<Quality>),
+    Stored(Box<Quality>),
 }
 
 impl Found {
@@ -48,26 +48,26 @@ impl Found {
         Ok(ClosedBrain::Envelope(envelope.map_err(from_geometry)?))
     }
 
-    /// Adds to the rating what the source of the volume puts in doubt. A rebuilt case has the doubts of its first preparation.
-    pub(super) fn judge_source(
+    /// Adds to the rating what is unusual about the source of the volume. A rebuilt case has the rating of its first preparation.
+    pub(super) fn rate_source(
         &mut self,
         envelope: &Envelope,
         volume_grid: &Grid,
         replaced: &Replaced,
     ) {
-        if let Verdict::Rated(_, rating) = &mut self.verdict {
+        if let MaskQuality::Measured(_, measured) = &mut self.quality {
             let holes = replaced.enclosed.as_ref();
             let inside = holes.map_or(0, |holes| holes.count_within(envelope.mask()));
-            rating.judge_source(volume_grid, inside);
+            measured.rate_source(volume_grid, inside);
         }
     }
 
     /// The quality of the mask.
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
-        match &self.verdict {
-            Verdict::Known(quality) => (**quality).clone(),
-            Verdict::Rated(method, rating) => {
-                quality::of(&self.brain, envelope, *method, rating, volume_grid)
+        match &self.quality {
+            MaskQuality::Stored(quality) => (**quality).clone(),
+            MaskQuality::Measured(method, measured) => {
+                quality::of(&self.brain, envelope, *method, measured, volume_grid)
             }
         }
     }
@@ -121,12 +121,12 @@ pub(super) fn find_brain(
         MaskMethod::Volume => Origin::Stripped(network),
         _ => Origin::Supplied(network),
     };
-    let rating = judge(masked, origin).map_err(from_extraction)?;
+    let measured = rate(masked, origin).map_err(from_extraction)?;
     Ok(Found {
         cuts: moved_cuts(cuts.cuts, parameters.offset_mm),
         brain: moved(brain, parameters.offset_mm)?,
         closed: is_closed_so(parameters).then_some(closed),
-        verdict: Verdict::Rated(method, Box::new(rating)),
+        quality: MaskQuality::Measured(method, Box::new(measured)),
     })
 }
 
@@ -163,7 +163,7 @@ fn extracted(
         cuts: moved_cuts(found.cuts.cuts, parameters.offset_mm),
         closed: is_closed_so(parameters).then_some(found.closed),
         brain: moved(found.brain, parameters.offset_mm)?,
-        verdict: Verdict::Rated(quality::method_of(found.method), Box::new(found.quality)),
+        quality: MaskQuality::Measured(quality::method_of(found.method), Box::new(found.quality)),
     })
 }
 
@@ -172,7 +172,7 @@ fn stored_brain(stored: &StoredBrain) -> Option<Found> {
         cuts: cuts_of(&stored.cuts),
         brain: decode_brain(&stored.mask)?,
         closed: None,
-        verdict: Verdict::Known(Box::new(stored.quality.clone())),
+        quality: MaskQuality::Stored(Box::new(stored.quality.clone())),
     })
 }
 

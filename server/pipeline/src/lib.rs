@@ -92,7 +92,7 @@ fn prepare(source: &Source, how: How<'_>, mut steps: Steps<'_>) -> Result<Prepar
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
-    found.judge_source(closed.envelope(), native.grid(), &replaced);
+    found.rate_source(closed.envelope(), native.grid(), &replaced);
     let quality = found.quality(closed.envelope(), native.grid());
     let volume = crop(&native, closed.envelope())?;
 

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use analysis::{
     Candidate, DepthBand, Division, Flair, FlairUndefined, Head, MapKind, MapParameters, Maps,
-    MapsUndefined, MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, Side, StoredMap,
+    MapsUndefined, MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, StoredMap,
     WidthTable,
 };
 use case::{
@@ -252,15 +252,7 @@ pub fn side_at(facts: &CaseFacts, position_in_patient: DVec3) -> PatientSide {
 
 /// The side of a plane between the hemispheres that a position (LPS mm) is on.
 pub(crate) fn side_of(plane: &MidsagittalPlane, position_in_patient: DVec3) -> PatientSide {
-    patient_side(Side::at(plane.left_mm(position_in_patient)))
-}
-
-fn patient_side(side: Side) -> PatientSide {
-    match side {
-        Side::Left => PatientSide::Left,
-        Side::Right => PatientSide::Right,
-        Side::Middle => PatientSide::Middle,
-    }
+    PatientSide::at(plane.left_mm(position_in_patient))
 }
 
 fn facts_of(places: &[Candidate], facts: &CaseFacts, envelope: &Envelope) -> Vec<CandidateFacts> {

@@ -1,7 +1,7 @@
 //! The quality of a mask: measurements and a rating.
 
 use case::{CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState};
-use extraction::{Method, Verdict};
+use extraction::{Method, Rating};
 use geometry::{BrainMask, Envelope, Grid};
 use glam::DVec3;
 
@@ -12,40 +12,40 @@ pub fn of(
     brain: &BrainMask,
     envelope: &Envelope,
     method: MaskMethod,
-    rating: &extraction::Quality,
+    found: &extraction::Quality,
     volume_grid: &Grid,
 ) -> Quality {
     let brain_ml = brain.volume_ml();
-    let distance = rating.comparison.map(|comparison| comparison.distance);
+    let distance = found.comparison.map(|comparison| comparison.distance);
     Quality {
-        state: match rating.verdict {
-            Verdict::Ok => QualityState::Ok,
-            Verdict::Review => QualityState::Review,
-            Verdict::Failed => QualityState::Failed,
+        state: match found.rating {
+            Rating::Ok => QualityState::Ok,
+            Rating::Review => QualityState::Review,
+            Rating::Failed => QualityState::Failed,
         },
         method,
         numbers: QualityNumbers {
             brain_ml,
             closing_added: envelope.volume_ml() / brain_ml - 1.0,
-            largest_component: rating.largest_component,
+            largest_component: found.largest_component,
             extents_mm: brain.extents_mm(),
-            cut_area_cm2: rating.cut_area_cm2,
-            agreement: rating.agreement,
-            uncertain: rating.uncertain,
-            contrast: rating.contrast,
-            rim: rating.rim.map(|rim| rim.here),
-            overlap: rating.comparison.map(|comparison| comparison.overlap),
+            cut_area_cm2: found.cut_area_cm2,
+            agreement: found.agreement,
+            uncertain: found.uncertain,
+            contrast: found.contrast,
+            rim: found.rim.map(|rim| rim.here),
+            overlap: found.comparison.map(|comparison| comparison.overlap),
             distance_95_mm: distance.map(|distance| distance.percentile_95_mm),
             distance_mean_mm: distance.map(|distance| distance.mean_mm),
             distant_cm2: distance.map(|distance| distance.patch_cm2),
         },
-        reasons: (rating.reasons.iter())
+        reasons: (found.reasons.iter())
             .map(|reason| reason.sentence.clone())
             .collect(),
-        reason_codes: (rating.reasons.iter())
+        reason_codes: (found.reasons.iter())
             .map(|reason| reason.code.to_owned())
             .collect(),
-        corrected_header: rating
+        corrected_header: found
             .other_patient_from_voxel
             .map(|turned| CorrectedHeader::reflected_at(middle(volume_grid).x, rows_of(turned))),
     }

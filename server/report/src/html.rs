@@ -165,8 +165,9 @@ fn drawing(picture: &Picture<'_>) -> Markup {
             @if !lines.is_empty() { @for class in ["halo", "mark"] { path class=(class) d=(lines) {} } }
             @if let Some([[left, y], [right, _]]) = shot.bar() {
                 path.bar d={ "M" (format!("{left:.1} {y:.1}")) "H" (format!("{right:.1}")) } {}
-                text.bar x=(format!("{left:.1}")) y=(format!("{:.1}", y - 0.3 * shot.letter_size()))
-                    font-size=(format!("{:.1}", 0.75 * shot.letter_size())) { (BAR) }
+            }
+            @if let Some(([x, y], size)) = shot.bar_name() {
+                text.bar x=(format!("{x:.1}")) y=(format!("{y:.1}")) font-size=(format!("{size:.1}")) { (BAR) }
             }
             @for (letters, [x, y]) in shot.directions.iter().zip(shot.letter_places()) {
                 text x=(format!("{x:.1}")) y=(format!("{y:.1}")) font-size=(size) { (letters) }

@@ -61,13 +61,19 @@ impl Shot {
         ticks.into_iter().flatten().chain(outline).collect()
     }
 
-    /// The ends of its bar, if it has a mark; its name stands above the left one.
+    /// The ends of its bar, if it has a mark.
     pub(crate) fn bar(&self) -> Option<[[f64; 2]; 2]> {
         self.mark.map(|_| {
             let margin = self.letter_size() * 0.6;
             let y = f64::from(self.side) - margin;
             [[margin, y], [margin + BAR_MM * self.pixels_per_mm, y]]
         })
+    }
+
+    /// Where the name of its bar begins, and the height of the letters.
+    pub(crate) fn bar_name(&self) -> Option<([f64; 2], f64)> {
+        let size = self.letter_size();
+        (self.bar()).map(|[[x, y], _]| ([x, y - 0.3 * size], 0.75 * size))
     }
 
     /// The height of a letter in it, in its pixels: letters are as large on paper in a small picture as in a large one.

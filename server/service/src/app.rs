@@ -16,7 +16,7 @@ use crate::routes;
 use crate::state::{AnswerTimeout, AppState, FrameAncestors, GuardAll};
 use access::auth::{self, Access};
 use access::origins;
-use access::routes::GuardedRoutes;
+use access::routes::ProtocolRoutes;
 use http::logs::{self, MakeId, REQUEST_ID};
 use http::metrics::Metrics;
 use http::problem::AppError;
@@ -42,14 +42,6 @@ const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
         "camera=(), geolocation=(), microphone=()",
     ),
 ];
-
-/// Routes of another protocol that need a token, which stand beside those of the service and behind the same guards.
-pub struct ProtocolRoutes {
-    /// Those that take files, which have the time of an upload.
-    pub uploads: GuardedRoutes<()>,
-    /// The others, which have the time of an answer.
-    pub answers: GuardedRoutes<()>,
-}
 
 /// Builds the whole service. Serve it, or call `oneshot` without a socket.
 pub fn app(state: AppState) -> Router {

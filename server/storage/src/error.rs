@@ -39,7 +39,7 @@ pub enum StoreError {
     /// There is no such layer.
     #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,
-    /// A stored upload, or a stored image of a PACS, that the operation needs is missing.
+    /// A stored upload, or another stored image, that the operation needs is missing.
     #[error("a stored upload is missing; tell the administrator of this server")]
     SourceMissing,
     /// The case has as many layers as it may have.

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use case::images::Image;
 use case::series::{CaseSeries, Uid};
-use case::{Case, CaseId, Contrast, LayerId, LayerParameters, Parameters};
+use case::{Case, CaseId, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
 
@@ -141,26 +141,6 @@ impl From<(&CaseId, &LayerId)> for Owner {
         let layer = Some(layer);
         Self { case, layer }
     }
-}
-
-/// Changes of a case that keep its id.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct CaseChange {
-    /// Another label.
-    pub name: Option<String>,
-    /// Whether it stays for good.
-    pub kept: Option<bool>,
-}
-
-/// Changes of a layer that keep its id.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct LayerChange {
-    /// Another name.
-    pub name: Option<String>,
-    /// Another place in the list, from 0; beyond the end is the end.
-    pub place: Option<usize>,
-    /// Its contrast, of a layer of the kind `mr`.
-    pub contrast: Option<Contrast>,
 }
 
 /// Objects about to be written, protected by their holder's pins.

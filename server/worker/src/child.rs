@@ -14,6 +14,7 @@ use rustix::process::{Resource, Rlimit, setrlimit};
 
 use crate::confine::{Directory, Instead, Needs, confine, said};
 use crate::files::{FilesBelow, Place};
+use crate::headers::MAX_FILE_BYTES;
 use crate::message::{
     HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
     VOLUME,
@@ -149,8 +150,8 @@ fn read_header<T>(
         None => None,
     };
     confine(&Needs::default());
-    let found = read_file(file, order.max_file_bytes)
-        .and_then(|file| read(&file, order.start, output.as_mut()));
+    let found =
+        read_file(file, MAX_FILE_BYTES).and_then(|file| read(&file, order.start, output.as_mut()));
     Ok(match found {
         Ok(found) => Stated::Read(found),
         Err(error) => Stated::Refused(refusal(&error)),

@@ -16,6 +16,9 @@ use crate::message::{HeaderOrder, Order, Stated};
 use crate::program::{Program, cannot_run};
 use crate::reader::{check_file, checked_failure, died};
 
+/// The largest DICOM file that is read by itself, in bytes: a multi-frame image of a head has some 100 MB.
+pub const MAX_FILE_BYTES: u64 = 512 << 20;
+
 /// The time limit for a file, and for each further 4 MiB: its pixels are decoded.
 const LONGEST: Duration = Duration::from_secs(20);
 
@@ -31,17 +34,15 @@ const UNPACKING: u64 = 16;
 #[derive(Debug)]
 pub struct FileReader {
     program: Program,
-    max_file_bytes: u64,
     longest: Duration,
     memory: ChildMemory,
 }
 
 impl FileReader {
-    /// A reader of files of at most `max_file_bytes`.
-    pub fn new(program: Program, max_file_bytes: u64, memory: ChildMemory) -> Self {
+    /// A reader of files of at most [`MAX_FILE_BYTES`].
+    pub fn new(program: Program, memory: ChildMemory) -> Self {
         Self {
             program,
-            max_file_bytes,
             longest: LONGEST,
             memory,
         }
@@ -77,8 +78,7 @@ impl FileReader {
     pub async fn deidentify(&self, file: &Spooled, output: &Path) -> Result<Identity, Error> {
         let identity = self.ask(file, Some(output), Order::Header).await?;
         // Pixels that were compressed may be larger than before.
-        let largest = self.max_file_bytes.saturating_mul(UNPACKING);
-        check_file(output, Spooled::START + largest)?;
+        check_file(output, Spooled::START + MAX_FILE_BYTES * UNPACKING)?;
         Ok(identity)
     }
 
@@ -96,7 +96,6 @@ impl FileReader {
             file: absolute(file.path())?,
             start: Spooled::START,
             output: output.map(absolute).transpose()?,
-            max_file_bytes: self.max_file_bytes,
             memory_bytes,
             seconds: longest.as_secs().max(1),
         });

@@ -19,7 +19,7 @@ pub use child::run as run_child;
 pub use child::run_instead;
 pub use confine::{Confinement, hide};
 pub use error::Error;
-pub use headers::FileReader;
+pub use headers::{FileReader, MAX_FILE_BYTES};
 pub use memory::{ChildBudget, ChildMemory, MemoryPermit};
 pub use prepare::PrepareProcess;
 #[cfg(any(test, feature = "testing"))]
@@ -27,7 +27,7 @@ pub use prepare::prepare_by;
 pub use priority::yield_to_answers;
 pub use program::{Program, at_a_time};
 pub use reader::SeriesReader;
-pub use reading::{Choice, Input, Reading, SeriesView};
+pub use reading::{Choice, Input, Reading};
 
 /// The subcommand of the child.
 pub const SUBCOMMAND: &str = "read-dicom";

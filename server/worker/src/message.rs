@@ -80,8 +80,6 @@ pub(crate) struct HeaderOrder {
     pub(crate) start: u64,
     /// Where to write the file without the identity of the patient, after as many zero bytes; `None` to write nothing.
     pub(crate) output: Option<PathBuf>,
-    /// The limit for the file.
-    pub(crate) max_file_bytes: u64,
     /// The limit for memory.
     pub(crate) memory_bytes: u64,
     /// The limit for CPU time.

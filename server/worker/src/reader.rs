@@ -261,10 +261,10 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
         output,
         images: images.ok_or_else(died)?,
         choice: Choice {
-            series: series.into(),
-            others: others.into_iter().map(Into::into).collect(),
+            series,
+            others,
             ignored_files,
-            unread: unread.into_iter().map(Into::into).collect(),
+            unread,
             interpolated_slices: attributes.interpolated_slices,
             is_t1,
         },

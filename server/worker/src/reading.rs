@@ -56,79 +56,17 @@ impl Reading {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomChoice))]
 pub struct Choice {
     /// The chosen series.
-    pub series: SeriesView,
+    pub series: SeriesSummary,
     /// The other series of the upload.
-    pub others: Vec<SeriesView>,
+    pub others: Vec<SeriesSummary>,
     /// The number of files that are not MR, CT or PET images, or cannot be read.
     pub ignored_files: usize,
     /// The images among them that cannot be read, at most 100. None of them belongs to the chosen series.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub unread: Vec<UnreadView>,
+    pub unread: Vec<UnreadFile>,
     /// Numbers (from 1) of the missing slices that are interpolated because of `allow_gaps`.
     pub interpolated_slices: Vec<usize>,
     /// Whether names or timing indicate that the chosen series is T1-weighted.
     #[serde(skip)]
     pub is_t1: bool,
-}
-
-/// A file of an image that cannot be read.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = UnreadDicomFile))]
-pub struct UnreadView {
-    /// Its number among the files, from 1, in the order of the archive or of the parts of the form.
-    pub file: usize,
-    /// Its instance number, if it can be read.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub instance: Option<i64>,
-    /// The token of its series, if that can be read.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub series: Option<String>,
-    /// Why it cannot be read.
-    pub reason: String,
-}
-
-impl From<UnreadFile> for UnreadView {
-    fn from(file: UnreadFile) -> Self {
-        Self {
-            file: file.file,
-            instance: file.instance,
-            series: file.series,
-            reason: file.reason,
-        }
-    }
-}
-
-/// A series, without the identity of the patient.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomSeries))]
-pub struct SeriesView {
-    /// The scanner's number of the series.
-    pub number: Option<i64>,
-    /// `MR`, `CT` or `PT`.
-    pub modality: String,
-    /// The kind of the sequence, as far as its header tells: `T1`, `FLAIR`, `T2`, `PET`, `CT` and so on.
-    pub name: String,
-    /// The unit of its values, if the header states it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unit: Option<String>,
-    /// Pixels of a row, rows, and slices.
-    pub size: [usize; 3],
-    /// Whether it could be a volume, and so a layer: enough slices, no localizer, no mosaic.
-    pub is_volume: bool,
-    /// The token for `series`.
-    pub token: String,
-}
-
-impl From<SeriesSummary> for SeriesView {
-    fn from(summary: SeriesSummary) -> Self {
-        Self {
-            number: summary.number,
-            modality: summary.modality,
-            name: summary.name,
-            unit: summary.unit,
-            size: summary.size,
-            is_volume: summary.is_volume,
-            token: summary.token,
-        }
-    }
 }

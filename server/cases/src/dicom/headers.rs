@@ -76,7 +76,7 @@ mod tests {
     async fn read_by(script: &str, longest: Duration) -> Result<Identity, Error> {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
-        let reader = FileReader::new(program, 1 << 20, ChildMemory::default());
+        let reader = FileReader::new(program, ChildMemory::default());
         let reader = HeaderReader::new(reader.within(longest));
         let store = Store::in_memory(Options::default()).await.unwrap();
         let file = store

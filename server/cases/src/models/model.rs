@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
 use super::ModelError;
-use crate::cache;
+use crate::cache::{self, CacheValue};
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
@@ -107,9 +107,11 @@ impl LoadedModel {
             |facts: &CaseFacts, payloads: &[Bytes]| Some((decode(facts, payloads)?, facts.clone()));
         library.load(id, KINDS, decode_all).await
     }
+}
 
-    /// Memory in bytes, including the limit for tables of paths.
-    pub(super) fn bytes(&self) -> u64 {
+impl CacheValue for LoadedModel {
+    /// Including the limit for tables of paths.
+    fn bytes(&self) -> u64 {
         self.model.bytes() as u64 + TABLES_BYTES
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use case::{Parameters, SurfaceName};
+use case::{CaseState, Parameters, SurfaceName};
 use geometry::MeshSize;
 use imaging::Limits;
 use pipeline::Pipeline;
@@ -14,7 +14,7 @@ use storage::testing::postgres::PostgresServer;
 use storage::{DatabaseAddress, Location, Options, Store};
 
 use super::*;
-use crate::application::REMEMBERED_FOR;
+use crate::application::{REMEMBERED_FOR, REMEMBERED_WHILE_AWAY};
 use crate::error::Error;
 use crate::jobs::start_workers;
 use crate::library::{LibraryOptions, Preparation};
@@ -248,21 +248,17 @@ async fn a_deleted_case_has_no_model() {
 
 #[tokio::test]
 async fn a_case_deleted_by_another_process_has_no_model_soon_after() {
-    let mut ready = ready().await;
-    ready.model().await;
+    let ready = ready().await;
+    let cases = application(ready.library.store().clone(), "");
+    cases.model(&ready.id).await.unwrap();
     let other = Store::open(ready.directory.path(), Options::default())
         .await
         .unwrap();
     other.delete(&ready.id).await.unwrap();
-    ready.models.pass_time(TRUST_FOR);
-    assert!(
-        ready
-            .models
-            .get(&ready.id, SurfaceName::Whole)
-            .await
-            .unwrap()
-            .is_none()
-    );
+    cases.pass_time(REMEMBERED_FOR);
+    let asked = cases.model(&ready.id).await.map(drop);
+    assert!(matches!(asked, Err(Error::NoSuchCase)), "{asked:?}");
+    assert_eq!(cases.library.cache().count(), 0);
 }
 
 #[tokio::test]
@@ -277,7 +273,7 @@ async fn what_was_seen_is_served_for_a_while_without_the_database() {
     };
     let store = Store::open(location, Options::default()).await.unwrap();
     let ready = ready_in(store, directory).await;
-    let mut cases = application(ready.library.store().clone(), "");
+    let cases = application(ready.library.store().clone(), "");
     cases.ready(&ready.id).await.unwrap();
     cases.model(&ready.id).await.unwrap();
     postgres.stop();

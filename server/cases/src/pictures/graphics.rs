@@ -9,6 +9,8 @@ use render::gpu::{AdapterSummary, GpuError, GpuOptions, GpuPool};
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
+use crate::settings::Render;
+
 /// How long a picture waits for a slow driver.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -23,28 +25,6 @@ pub enum GpuUse {
     Always,
     /// Never: no driver is loaded.
     Off,
-}
-
-/// The options of the graphics device.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct GraphicsOptions {
-    /// Whether it may draw.
-    pub use_of: GpuUse,
-    /// The number of pictures at a time.
-    pub at_a_time: usize,
-    /// Bytes of the textures of cases.
-    pub case_bytes: u64,
-}
-
-impl GraphicsOptions {
-    /// For occasional pictures.
-    pub fn of_one(use_of: GpuUse) -> Self {
-        Self {
-            use_of,
-            at_a_time: 1,
-            case_bytes: GpuOptions::default().case_bytes,
-        }
-    }
 }
 
 /// The graphics device, once it is known whether there is one. Cheap to clone.
@@ -85,9 +65,9 @@ impl Graphics {
     ///
     /// With [`GpuUse::Auto`], no driver is loaded on a machine without graphics hardware: a software driver is slower
     /// than the CPU renderers, and needs more memory than everything else together.
-    pub fn start(options: GraphicsOptions) -> Self {
+    pub fn start(render: &Render) -> Self {
         let (sender, found) = watch::channel(None);
-        let nothing = match options.use_of {
+        let nothing = match render.gpu {
             GpuUse::Off => Some("the configuration turns graphics off"),
             GpuUse::Auto if !may_be_hardware() => Some("this machine has no graphics hardware"),
             GpuUse::Auto | GpuUse::Always => None,
@@ -97,9 +77,10 @@ impl Graphics {
             sender.send_replace(Some(Found::Nothing(why)));
             return Self { found };
         }
+        let render = render.clone();
         let looking = std::thread::Builder::new()
             .name("find-graphics".to_owned())
-            .spawn(move || sender.send_replace(Some(find(options))));
+            .spawn(move || sender.send_replace(Some(find(&render))));
         if let Err(error) = looking {
             // The channel is closed then, which reads as no device.
             tracing::warn!(%error, "cannot start the thread that searches for a graphics device");
@@ -143,12 +124,12 @@ fn may_be_hardware() -> bool {
     !cfg!(target_os = "linux") || nodes.iter().any(|node| Path::new(node).exists())
 }
 
-fn find(options: GraphicsOptions) -> Found {
-    let takes_software = options.use_of == GpuUse::Always;
+fn find(render: &Render) -> Found {
+    let takes_software = render.gpu == GpuUse::Always;
     let options = GpuOptions {
         // Whoever asks has a turn, so no more than these are wanted; those whose clients left are passed over.
-        queue: options.at_a_time.max(1),
-        case_bytes: options.case_bytes,
+        queue: render.threads.max(1),
+        case_bytes: render.gpu_case_bytes,
         ..GpuOptions::default()
     };
     let started = catch_unwind(AssertUnwindSafe(|| GpuPool::start(options)));
@@ -193,7 +174,7 @@ mod tests {
 
     #[tokio::test]
     async fn graphics_that_are_off_are_known_at_once() {
-        let graphics = Graphics::start(GraphicsOptions::of_one(GpuUse::Off));
+        let graphics = Graphics::start(&Render::on_cpu());
         assert!(matches!(graphics.state(), GraphicsState::Absent(_)));
         assert!(graphics.pool().await.is_none());
     }

@@ -1,6 +1,6 @@
 //! Real heads, where they are: how well their brains are found, and how stably.
 
-use extraction::{Verdict, predict, prune};
+use extraction::{Rating, predict, prune};
 use geometry::{Grid, Volume, envelope};
 use glam::{DMat3, DVec3};
 
@@ -28,8 +28,8 @@ fn the_network_finds_real_brains() {
         };
         let found = predict(&volume, network, 0.5, &go_on).unwrap();
         assert_eq!(
-            found.quality.verdict,
-            Verdict::Ok,
+            found.quality.rating,
+            Rating::Ok,
             "{name}: {:?}",
             found.quality.reasons
         );
@@ -144,7 +144,7 @@ fn the_mask_is_stable() {
         let agreement = dice(plain.brain.mask(), found.brain.mask());
         println!(
             "{name}: {agreement:.4} {:?} {:?}",
-            found.quality.verdict, found.quality.reasons
+            found.quality.rating, found.quality.reasons
         );
         assert!(agreement >= least, "{name}: {agreement}");
     }

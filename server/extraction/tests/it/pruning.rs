@@ -1,6 +1,6 @@
 //! Tree pruning, and what is taken where there is no network.
 
-use extraction::{Method, Verdict, extract, prune};
+use extraction::{Method, Rating, extract, prune};
 use geometry::{BrainMask, envelope, phantom};
 
 use crate::support::{dice, go_on, none_ends_as_ok};
@@ -18,7 +18,7 @@ fn the_brain_of_a_folded_phantom_head_is_found_without_weights() {
             .any(|reason| reason.sentence.contains(missing)),
         "{reasons:?}"
     );
-    assert_eq!(found.quality.verdict, Verdict::Review);
+    assert_eq!(found.quality.rating, Rating::Review);
     let asked = prune(&head.volume, &go_on).unwrap();
     assert!(
         !asked

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use extraction::{Extraction, ExtractionError, Network, Verdict};
+use extraction::{Extraction, ExtractionError, Network, Rating};
 use geometry::{BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -128,9 +128,9 @@ pub(crate) fn none_ends_as_ok(find: impl Fn(&Volume) -> Result<Extraction, Extra
                 let quality = found.quality;
                 println!(
                     "{name}: {:?} {:?} {:?}",
-                    found.method, quality.verdict, quality.reasons
+                    found.method, quality.rating, quality.reasons
                 );
-                assert!(quality.verdict > Verdict::Ok, "{name}");
+                assert!(quality.rating > Rating::Ok, "{name}");
                 assert!(!quality.reasons.is_empty(), "{name}");
             }
             Err(error) => assert!(

@@ -1,6 +1,6 @@
 //! What heads that no limit was chosen on have shown: slices in the wrong order, and things over zeros that are no brain.
 
-use extraction::{Masked, Network, Opinion, Origin, Quality, Verdict, closed, judge, predict};
+use extraction::{Masked, Network, Opinion, Origin, Quality, Rating, closed, predict, rate};
 use geometry::{BrainMask, Mask, Volume, offset, phantom};
 use glam::DVec3;
 
@@ -42,7 +42,7 @@ fn rated(volume: &Volume, mask: &Mask, origin: Origin<'_>) -> Quality {
         cuts: &cuts,
         volume,
     };
-    judge(masked, origin).expect("a rating")
+    rate(masked, origin).expect("a rating")
 }
 
 /// The axis of a volume that is nearest to a direction.
@@ -228,12 +228,7 @@ fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
 
             let quality = stripped(&volume, network());
             println!("{name}, bare: {:?} {:?}", codes(&quality), quality.contrast);
-            assert_eq!(
-                quality.verdict,
-                Verdict::Ok,
-                "{name}: {:?}",
-                quality.reasons
-            );
+            assert_eq!(quality.rating, Rating::Ok, "{name}: {:?}", quality.reasons);
         }
         for (what, volume) in others {
             let quality = stripped(&volume, None);
@@ -242,7 +237,7 @@ fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
                 codes(&quality),
                 quality.contrast
             );
-            assert_eq!(quality.verdict, Verdict::Review, "{name}, {what}");
+            assert_eq!(quality.rating, Rating::Review, "{name}, {what}");
         }
     }
 }

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use extraction::{
-    Extraction, Masked, Network, Opinion, Origin, Quality, Verdict, closed, extract, judge, predict,
+    Extraction, Masked, Network, Opinion, Origin, Quality, Rating, closed, extract, predict, rate,
 };
 use geometry::{BrainMask, DistanceMap, Face, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
@@ -44,7 +44,7 @@ fn mask_of(folder: &str, name: &str) -> Option<Mask> {
     Some(imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a mask"))
 }
 
-fn judged(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Quality> {
+fn rated(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Quality> {
     let brain = BrainMask::from_mask(mask, volume.grid()).ok()?;
     let (distance, cuts) = closed(&brain, volume).expect("a closed brain");
     let opinion = found.map_or(Opinion::NotAsked, Opinion::Brain);
@@ -55,7 +55,7 @@ fn judged(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Q
         cuts: &cuts,
         volume,
     };
-    Some(judge(masked, Origin::Supplied(opinion)).expect("a rating"))
+    Some(rate(masked, Origin::Supplied(opinion)).expect("a rating"))
 }
 
 /// What came out, by kind and by half of the heads.
@@ -130,16 +130,16 @@ impl Tally {
     }
 }
 
-fn row(head: &str, what: &str, rating: Option<&Quality>) {
-    let Some(rating) = rating else {
+fn row(head: &str, what: &str, quality: Option<&Quality>) {
+    let Some(quality) = quality else {
         println!("| {head} | {what} | refused | | | |");
         return;
     };
-    let codes: Vec<&str> = rating.reasons.iter().map(|reason| reason.code).collect();
-    let rim = rating.rim.map_or(String::new(), |rim| {
+    let codes: Vec<&str> = quality.reasons.iter().map(|reason| reason.code).collect();
+    let rim = quality.rim.map_or(String::new(), |rim| {
         format!("{:.3}, {:.3}, {:.3}", rim.here, rim.elsewhere, rim.flipped)
     });
-    let apart = rating.comparison.map_or(String::new(), |comparison| {
+    let apart = quality.comparison.map_or(String::new(), |comparison| {
         let apart = comparison.distance;
         format!(
             "{:.3} | {:.1} | {:.1} | {:.0} | {:.1?} | rms {:.2}, flipped {:.2}",
@@ -154,16 +154,16 @@ fn row(head: &str, what: &str, rating: Option<&Quality>) {
     });
     println!(
         "| {head} | {what} | {} | {rim} | {apart} | {} |",
-        name(rating.verdict),
+        name(quality.rating),
         codes.join(", ")
     );
 }
 
-fn name(verdict: Verdict) -> &'static str {
+fn name(verdict: Rating) -> &'static str {
     match verdict {
-        Verdict::Ok => "ok",
-        Verdict::Review => "review",
-        Verdict::Failed => "failed",
+        Rating::Ok => "ok",
+        Rating::Review => "review",
+        Rating::Failed => "failed",
     }
 }
 
@@ -201,16 +201,16 @@ fn verdicts_on_supplied_masks() {
         for (number, one) in heads.iter().enumerate() {
             let (folder, _, files) = one.head;
             let mut check = |what: &str, mask: &Mask, is_right: bool| {
-                let rating = judged(&one.volume, mask, Some(&one.found.closed));
-                row(folder, what, rating.as_ref());
-                let verdict = rating.as_ref().map(|rating| rating.verdict);
-                tally.add(half, folder, (what, is_right), verdict == Some(Verdict::Ok));
+                let quality = rated(&one.volume, mask, Some(&one.found.closed));
+                row(folder, what, quality.as_ref());
+                let verdict = quality.as_ref().map(|quality| quality.rating);
+                tally.add(half, folder, (what, is_right), verdict == Some(Rating::Ok));
                 // A flip undoes a shift across the middle, because a head is nearly its own mirror image.
                 let is_flipped = matches!(
                     what,
                     "mirrored" | "flipped front to back" | "upside down" | "5 mm left"
                 );
-                let reasons = rating.iter().flat_map(|rating| &rating.reasons);
+                let reasons = quality.iter().flat_map(|quality| &quality.reasons);
                 let said = reasons
                     .filter(|reason| reason.code == "mask-flipped")
                     .count();
@@ -248,18 +248,18 @@ fn a_ragged_mask_that_fits_is_ok_without_a_network_and_beside_its_place_it_is_no
     let verdict_at = |offset_mm: DVec3| {
         let shift = DAffine3::from_translation(offset_mm);
         let mask = moved(&mask, volume.grid(), shift);
-        let rating = judged(&volume, &mask, None);
+        let quality = rated(&volume, &mask, None);
         row(
             "colin27",
             &format!("ch2bet at {offset_mm}"),
-            rating.as_ref(),
+            quality.as_ref(),
         );
-        rating.map(|rating| rating.verdict)
+        quality.map(|quality| quality.rating)
     };
-    assert_eq!(verdict_at(DVec3::ZERO), Some(Verdict::Ok));
+    assert_eq!(verdict_at(DVec3::ZERO), Some(Rating::Ok));
     for along in DVec3::AXES {
         for mm in [-10.0, 10.0] {
-            assert_eq!(verdict_at(along * mm), Some(Verdict::Review));
+            assert_eq!(verdict_at(along * mm), Some(Rating::Review));
         }
     }
 }
@@ -372,7 +372,7 @@ fn on_volumes(network: &Network, halves: &[usize]) -> Tally {
                             quality.shape.map_or(f64::NAN, |shape| shape.flatness),
                             agreement.unwrap_or_default()
                         );
-                        (name(quality.verdict), numbers, codes.join(", "))
+                        (name(quality.rating), numbers, codes.join(", "))
                     }
                     Err(error) => ("refused", "| |".to_owned(), error.to_string()),
                 };

@@ -4,32 +4,34 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// A series as it appears in messages: it contains nothing about the patient.
+/// A series, without the identity of the patient.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomSeries))]
 #[serde(deny_unknown_fields)]
 pub struct SeriesSummary {
-    /// The series number.
+    /// The scanner's number of the series.
     pub number: Option<i64>,
     /// `MR`, `CT` or `PT`.
     pub modality: String,
     /// The kind of the sequence, as far as its header tells: `T1`, `FLAIR`, `T2`, `PET`, `CT` and so on.
     pub name: String,
-    /// The unit of its values, if the header states it: `HU`, `SUV`, `Bq/ml`.
+    /// The unit of its values, if the header states it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Columns, rows and slices.
+    /// Pixels of a row, rows, and slices.
     pub size: [usize; 3],
-    /// Whether it could be a volume: enough slices, no localizer, no mosaic.
+    /// Whether it could be a volume, and so a layer: enough slices, no localizer, no mosaic.
     pub is_volume: bool,
-    /// Eight hexadecimal digits that name the series: the first four bytes of the BLAKE3 digest of its instance UID.
+    /// The token for `series`.
     pub token: String,
 }
 
 /// A file of an image that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = UnreadDicomFile))]
 #[serde(deny_unknown_fields)]
 pub struct UnreadFile {
-    /// Its number among the files, from 1, in the order of an archive, of the parts of a form, or of the names in a folder.
+    /// Its number among the files, from 1, in the order of the archive or of the parts of the form.
     pub file: usize,
     /// Its instance number, if it can be read.
     #[serde(default, skip_serializing_if = "Option::is_none")]

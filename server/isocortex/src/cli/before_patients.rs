@@ -1,7 +1,6 @@
 //! What a server needs before it gets heads of patients: the list at the end of `isocortex check-config`.
 
 use std::fmt;
-use std::path::Path;
 
 use crate::config::{Config, ConfigError};
 
@@ -50,7 +49,7 @@ pub(super) fn points(config: &Config) -> Result<[Point; 10], ConfigError> {
         strangers(),
         record(config),
         store(config)?,
-        disk(&config.storage.data),
+        disk(),
         backup(config),
         retention(config),
         identity(config),
@@ -127,19 +126,9 @@ fn store(config: &Config) -> Result<Point, ConfigError> {
     )
 }
 
-fn disk(folder: &Path) -> Point {
-    match is_encrypted(folder) {
-        true => point(
-            "disk",
-            State::Done,
-            "the disk of the store is encrypted (dm-crypt)",
-        ),
-        false => point(
-            "disk",
-            State::Look,
-            "the disk of the store must be encrypted, here or by its provider: `lsblk -o NAME,TYPE,MOUNTPOINT`",
-        ),
-    }
+fn disk() -> Point {
+    let words = "the disk of the store must be encrypted, here or by its provider: `lsblk -o NAME,TYPE,MOUNTPOINT`";
+    point("disk", State::Look, words)
 }
 
 fn backup(config: &Config) -> Point {
@@ -190,37 +179,6 @@ fn files(config: &Config) -> Point {
     }
 }
 
-/// Whether a folder, or the lowest one above it that exists, lies on a device of dm-crypt, such as LUKS.
-#[cfg(target_os = "linux")]
-fn is_encrypted(folder: &Path) -> bool {
-    use std::os::linux::fs::MetadataExt as _;
-
-    let folder = std::path::absolute(folder).unwrap_or_default();
-    let found = folder.ancestors().find_map(|part| part.metadata().ok());
-    found.is_some_and(|metadata| {
-        let device = metadata.st_dev();
-        let (major, minor) = (rustix::fs::major(device), rustix::fs::minor(device));
-        is_crypt(Path::new(&format!("/sys/dev/block/{major}:{minor}")))
-    })
-}
-
-#[cfg(not(target_os = "linux"))]
-fn is_encrypted(_folder: &Path) -> bool {
-    false
-}
-
-/// Whether a block device, or all that it is made of, is one of dm-crypt.
-#[cfg(target_os = "linux")]
-fn is_crypt(device: &Path) -> bool {
-    let is_own = std::fs::read_to_string(device.join("dm/uuid"))
-        .is_ok_and(|uuid| uuid.starts_with("CRYPT-"));
-    let below = std::fs::read_dir(device.join("slaves"))
-        .into_iter()
-        .flatten();
-    let below: Vec<_> = below.flatten().collect();
-    is_own || (!below.is_empty() && below.iter().all(|part| is_crypt(&part.path())))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -233,21 +191,20 @@ mod tests {
     fn a_fresh_configuration_is_told_what_to_do() {
         let mut config = Config::default();
         config.storage.data = "/nowhere/cases".into();
-        // The disk of this machine may be encrypted.
         let [
             people,
             tls,
             strangers,
             audit,
             store,
-            _,
+            disk,
             backup,
             retention,
             identity,
             files,
         ] = states(&config);
         assert_eq!([people, audit, store, retention], [State::Missing; 4]);
-        assert_eq!([tls, strangers, backup, identity], [State::Look; 4]);
+        assert_eq!([tls, strangers, disk, backup, identity], [State::Look; 5]);
         assert_eq!(files, State::Done);
         let lines = points(&config).unwrap().map(|point| point.to_string());
         for part in [
@@ -285,21 +242,5 @@ mod tests {
         ] = states(&config);
         assert_eq!([tls, audit, store, retention, identity], [State::Done; 5]);
         assert_eq!([people, backup], [State::Missing, State::Look]);
-    }
-
-    #[cfg(target_os = "linux")]
-    #[test]
-    fn a_volume_is_encrypted_if_all_that_it_is_made_of_is() {
-        let folder = tempfile::tempdir().unwrap();
-        let device = |name: &str, uuid: &str| {
-            let path = folder.path().join(name);
-            std::fs::create_dir_all(path.join("dm")).unwrap();
-            std::fs::write(path.join("dm/uuid"), uuid).unwrap();
-        };
-        device("volume", "LVM-0");
-        device("volume/slaves/one", "CRYPT-LUKS2-0");
-        assert!(is_crypt(&folder.path().join("volume")));
-        device("volume/slaves/two", "LVM-1");
-        assert!(!is_crypt(&folder.path().join("volume")));
     }
 }

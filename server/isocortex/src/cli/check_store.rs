@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use case::{CaseId, CaseState, LayerId, ObjectKind};
-use cases::pictures::{GpuUse, GraphicsOptions};
+use cases::settings::Render;
 use cases::{Adopted, Cases, Library};
 use clap::Args;
 use pacs::Arrivals;
@@ -80,8 +80,8 @@ impl Defects {
                 self.layers_to_prepare.insert((id, layer));
                 return;
             }
-            Defect::MissingForPacs(name) => return self.add_lost("missing", name),
-            Defect::DamagedForPacs(name) => return self.add_lost("damaged", name),
+            Defect::MissingOfTables(name) => return self.add_lost("missing", name),
+            Defect::DamagedOfTables(name) => return self.add_lost("damaged", name),
             Defect::Unreferenced(name) => {
                 println!("unreferenced: {name}");
                 match name.kind {
@@ -229,7 +229,7 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
 async fn open(config: &Config) -> Result<Cases, CliError> {
     config.check()?;
     let mut options = cases::Options {
-        graphics: GraphicsOptions::of_one(GpuUse::Off),
+        render: Render::on_cpu(),
         ..config.cases()?
     };
     options.store.sweeps_at_start = false;

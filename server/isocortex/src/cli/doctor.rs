@@ -5,7 +5,8 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use cases::pictures::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
+use cases::pictures::{Graphics, GraphicsState};
+use cases::settings::Render;
 use clap::Args;
 use pipeline::Extractor;
 use pipeline::atlas::Atlas;
@@ -41,7 +42,7 @@ pub(super) fn run(args: &DoctorArgs) -> Result<(), CliError> {
         ("weights", weights(&config)),
         ("demo head", demo_head()),
         ("atlas", atlas(&config)),
-        ("graphics", graphics(config.render.gpu)),
+        ("graphics", graphics(&config.render)),
         ("processor", processor()),
         ("memory", memory(&config)?),
         ("temporary", temporary()),
@@ -111,8 +112,8 @@ fn atlas(config: &Config) -> Finding {
 }
 
 /// No device is no fault: the CPU then draws every picture.
-fn graphics(use_of: GpuUse) -> Finding {
-    let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
+fn graphics(render: &Render) -> Finding {
+    let graphics = Graphics::start(render);
     let begun = Instant::now();
     while graphics.state() == GraphicsState::Starting && begun.elapsed() < DRIVER {
         std::thread::sleep(Duration::from_millis(20));

@@ -16,6 +16,7 @@ use case::images::Image;
 use case::{CaseId, CaseState, Parameters};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
+use cases::settings::MapsUse;
 use cases::{Library, open_library};
 use pipeline::{Limits, Source};
 use storage::Store;
@@ -53,11 +54,9 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let parameters = args.options.parameters(args.name.clone())?;
     let layers = args.layers.layers()?;
     super::keep_files_private();
-    let options = cases::Options {
-        // They are made when somebody asks for them.
-        makes_maps: false,
-        ..config.cases()?
-    };
+    // They are made when somebody asks for them.
+    config.limits.maps = MapsUse::Off;
+    let options = config.cases()?;
     super::block_on(async {
         let library = open_library(&options).await.map_err(StartError::from)?;
         into_store(library, source, images, parameters, layers).await

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use case::CaseId;
 use cases::jobs::start_workers;
-use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
+use cases::pictures::{GpuUse, PictureRequest, PictureSeries, SeriesPicture};
+use cases::settings::Render;
 use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http::{query, sent};
@@ -120,7 +121,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let config = args.store.config()?;
     let png = super::block_on(async {
         // Splatting needs no GPU.
-        let use_of = match picture.asked.renderer {
+        let gpu = match picture.asked.renderer {
             Renderer::Splat => GpuUse::Off,
             _ => args.gpu,
         };
@@ -137,7 +138,10 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         };
         let library = Library::new(store, Preparation::default(), library_options);
         let options = cases::Options {
-            graphics: GraphicsOptions::of_one(use_of),
+            render: Render {
+                gpu,
+                ..Render::default()
+            },
             ..Config::default().cases()?
         };
         let cases = Cases::on(library, &options);

@@ -265,7 +265,10 @@ impl Reload {
         let read = match (part, &self.tls, &self.dimse_tls) {
             (Part::Tokens, ..) => self.read_tokens(),
             (Part::HttpTls, Some(tls), _) => replace(tls, self.config.tls()),
-            (Part::DimseTls, _, Some(tls)) => replace(tls, self.config.pacs.dimse.tls()),
+            (Part::DimseTls, _, Some(tls)) => {
+                let read = self.config.pacs.dimse.tls();
+                replace(tls, read.map_err(ConfigError::from))
+            }
             (Part::HttpTls | Part::DimseTls, ..) => return,
         };
         // Whatever has replaced a file may have opened it to others.

@@ -7,6 +7,7 @@ use crate::config::ConfigError;
 use crate::start::StartError;
 use case::{Failure, FailureKind};
 use cases::Error;
+use pacs::settings::BadSettings;
 use storage::StoreError;
 
 /// The exit status of a failed command: 2 for an invalid command line, the others from `sysexits.h` of BSD.
@@ -92,6 +93,12 @@ impl From<StoreError> for CliError {
 
 impl From<ConfigError> for CliError {
     fn from(error: ConfigError) -> Self {
+        Self::new(ExitStatus::Config, error)
+    }
+}
+
+impl From<BadSettings> for CliError {
+    fn from(error: BadSettings) -> Self {
         Self::new(ExitStatus::Config, error)
     }
 }

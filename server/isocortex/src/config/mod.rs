@@ -3,7 +3,6 @@
 
 mod memory;
 mod others;
-mod pacs;
 mod sections;
 mod tokens;
 
@@ -18,31 +17,26 @@ use access::origins::{NotAnOrigin, Origins};
 use access::proxy::{BadProxy, ProxyOptions, SignInProxy};
 use access::tokens::NamedToken;
 use cases::BeforeRemoval;
-use cases::pictures::GraphicsOptions;
+use cases::settings::{Limits, Prepare, Render};
+use http::files::{UnreadableFile, read_file};
 use http::forwarded::TrustedProxies;
 use http::listen::ConnectionLimits;
 use http::tls::{BadTls, ListeningTls, certificate_end, certificate_warning, serving_tls};
-use pipeline::HeadLimits;
+use pacs::settings::{BadSettings, Settings};
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress, Opening};
 use worker::{ChildBudget, Program};
 
 use crate::logs::LogFormat;
 
-pub use self::pacs::{Dimse, Node, Pacs, Peer};
-pub use self::sections::{
-    DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
-};
+pub use self::sections::{DEFAULT_LISTEN, Http, Network, Page, Secret, Storage};
 pub(crate) use self::tokens::check_name as check_token_name;
-
-/// The limit for unpacked DICOM files, relative to the limit for an upload.
-pub(crate) const DICOM_UNPACKING: u64 = 4;
 
 /// The usual options of a store, which has the tables of the PACS.
 pub fn store_options() -> storage::Options {
     storage::Options {
         opening: Opening::Existing,
-        tables: Arc::new(::pacs::PacsTables),
+        tables: Arc::new(pacs::PacsTables),
         ..storage::Options::default()
     }
 }
@@ -64,7 +58,7 @@ pub struct Config {
     /// What the page shows.
     pub page: Page,
     /// Images from a PACS.
-    pub pacs: Pacs,
+    pub pacs: Settings,
     pub prepare: Prepare,
     /// The proxy by which people sign in, if there is one.
     pub proxy: Option<ProxyOptions>,
@@ -90,7 +84,7 @@ impl Default for Config {
             http: Http::default(),
             limits: Limits::default(),
             page: Page::default(),
-            pacs: Pacs::default(),
+            pacs: Settings::default(),
             prepare: Prepare::default(),
             proxy: None,
             render: Render::default(),
@@ -105,24 +99,14 @@ impl Default for Config {
 /// Why a configuration is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// A file cannot be read.
-    #[error("{what} {} cannot be read: {source}", .path.display())]
-    Unreadable {
-        what: &'static str,
-        path: PathBuf,
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Unreadable(#[from] UnreadableFile),
     /// The file is not TOML, or has an unknown key or a value of the wrong kind.
     #[error("the configuration file {} is invalid: {source}", .path.display())]
     Malformed {
         path: PathBuf,
         source: Box<toml::de::Error>,
     },
-    /// An unknown time zone.
-    #[error(
-        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, from `-12:00` to `+14:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
-    )]
-    TimeZone { zone: String },
     /// The token is too weak.
     #[error(transparent)]
     Token(#[from] BadToken),
@@ -167,6 +151,9 @@ pub enum ConfigError {
         "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
     )]
     OpenToStrangers { listen: SocketAddr },
+    /// A setting of the PACS is invalid.
+    #[error(transparent)]
+    Pacs(#[from] BadSettings),
     /// An address of the store is invalid.
     #[error("`{key}`: {source}")]
     Address {
@@ -179,35 +166,6 @@ pub enum ConfigError {
         key: &'static str,
         source: NotAnOrigin,
     },
-    /// A node of the PACS is invalid.
-    #[error("the node `{name}` in `pacs.nodes` is invalid: {source}")]
-    Node {
-        name: String,
-        source: ::pacs::node::BadNode,
-    },
-    /// The credentials of a node are incomplete, or of two kinds.
-    #[error(
-        "the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them, and they need `url`"
-    )]
-    NodeCredentials { name: String },
-    /// Two nodes have one name.
-    #[error("two nodes in `pacs.nodes` have the same name")]
-    SameNode,
-    /// An application entity title is invalid.
-    #[error(
-        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
-    )]
-    Aet,
-    /// The address of a peer is none.
-    #[error(
-        "the `address` of the peer `{aet}` in `pacs.dimse.peers` must be an address, a network such as 10.0.0.0/8, or the name of a host"
-    )]
-    PeerAddress { aet: String },
-    /// TLS of DIMSE is configured incompletely.
-    #[error(
-        "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
-    )]
-    DimseTls,
     /// The folder of the store is something else.
     #[error("`storage.data` is {}, which is no folder; name a folder, or one that does not exist yet", .folder.display())]
     NoFolder { folder: PathBuf },
@@ -222,9 +180,6 @@ pub enum ConfigError {
     /// A file for TLS of HTTP is invalid.
     #[error("TLS of HTTP: {0}")]
     BadHttpTls(BadTls),
-    /// A file for TLS of DIMSE is invalid.
-    #[error("TLS of DIMSE: {0}")]
-    BadTls(#[from] BadTls),
     /// One process may use more than all together.
     #[error(
         "`limits.child_bytes` must be at least {least}: one process needs as much for a volume of `limits.max_voxels`"
@@ -428,7 +383,7 @@ impl Config {
         match (&self.http.token, &self.http.token_file) {
             (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
             (Some(token), None) => Ok(Some(token.0.clone())),
-            (None, Some(path)) => read_file(path, "the file of the token").map(Some),
+            (None, Some(path)) => Ok(Some(read_file(path, "the file of the token")?)),
             (None, None) => Ok(None),
         }
     }
@@ -523,7 +478,7 @@ impl Config {
     /// # Errors
     /// As [`Config::children`].
     pub fn children_in(&self, container: Option<u64>) -> Result<ChildBudget, ConfigError> {
-        let usual = ChildBudget::usual(&self.volume_limits(), self.prepare.workers);
+        let usual = ChildBudget::usual(&self.limits.volumes(), self.prepare.workers);
         let least = usual.least();
         match (self.limits.child_bytes, container) {
             (Some(bytes), _) if bytes < least => Err(ConfigError::ChildBytes { least }),
@@ -575,13 +530,6 @@ impl Config {
         }))
     }
 
-    fn volume_limits(&self) -> pipeline::Limits {
-        pipeline::Limits {
-            max_voxels: self.limits.max_voxels,
-            ..pipeline::Limits::default()
-        }
-    }
-
     /// The options of the application.
     ///
     /// # Errors
@@ -600,25 +548,12 @@ impl Config {
                 keep: self.storage.keep_days.map(days),
                 ..store_options()
             },
-            network: self.prepare.network.clone(),
-            atlas: self.prepare.atlas.clone(),
-            limits: self.volume_limits(),
-            head: HeadLimits::with_sides_from(self.limits.min_field_mm),
-            render_threads: self.render.threads,
-            max_queued_renders: self.limits.max_queued_renders,
-            cache_bytes: self.render.cache_bytes,
+            limits: self.limits.clone(),
+            prepare: self.prepare.clone(),
+            render: self.render.clone(),
             children: self.children()?,
-            preparation_threads: sections::cores(),
             prepares_apart: self.prepares_apart,
-            preparation_cpu_seconds: self.prepare.max_cpu_secs,
-            makes_maps: self.limits.maps == MapsUse::On,
-            graphics: GraphicsOptions {
-                use_of: self.render.gpu,
-                at_a_time: self.render.threads,
-                case_bytes: self.render.gpu_case_bytes,
-            },
             dicom_program: self.dicom_program.clone(),
-            max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
             deidentify: self.pacs.deidentify,
             before_removal: BeforeRemoval::default(),
         })
@@ -638,15 +573,6 @@ impl Config {
 
 fn days(count: u64) -> Duration {
     Duration::from_secs(count.saturating_mul(24 * 3600))
-}
-
-/// Reads a file; `what` names it in an error.
-fn read_file(path: &Path, what: &'static str) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
-        what,
-        path: path.to_owned(),
-        source,
-    })
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use access::audit::{Action, Audit, Event, EventKind, Outcome, digest_of_uid};
-use cases::{Error, MAX_INSTANCE_BYTES};
+use cases::Error;
+use cases::dicom::MAX_FILE_BYTES;
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
 use imaging::dicom::IMAGE_CLASSES;
 use storage::{Spool, Spooled};
@@ -41,7 +42,7 @@ pub(crate) enum Abort {
     Empty,
     #[error("a command cannot be read")]
     BadCommand,
-    #[error("an image is larger than the limit of {MAX_INSTANCE_BYTES} bytes")]
+    #[error("an image is larger than the limit of {MAX_FILE_BYTES} bytes")]
     TooLarge,
     #[error("the peer aborted it")]
     ByPeer,
@@ -293,7 +294,7 @@ impl Messages<'_> {
                 context,
                 mut file,
             } if !is_command && id == context => {
-                if file.len() + value.data.len() as u64 > MAX_INSTANCE_BYTES {
+                if file.len() + value.data.len() as u64 > MAX_FILE_BYTES {
                     if self.is_ignored(&request) {
                         let answer = Ok(Status::Success);
                         return Ok(self.ignore(request, context, answer, value.is_last));

@@ -23,7 +23,6 @@ use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
 use crate::values::ResultSeries;
 use http::problem::AppError;
-use storage::tables::series;
 
 /// A part of every UID. Raise it if the same request gives another object.
 const FORMAT: &str = "isocortex result 4";
@@ -64,7 +63,7 @@ impl Composer {
     /// Finds the patient, the study and the source of a result.
     ///
     /// # Errors
-    /// `closed`, `several-patients`, `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
+    /// `closed`, `several-patients`, `withdrawn`, `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
     pub(crate) async fn begin(
         pacs: &Pacs,
         id: CaseId,
@@ -74,28 +73,20 @@ impl Composer {
         let cases = pacs.cases();
         let facts = cases.ready(&id).await?;
         let case = cases.case(&id).await?;
-        let series = series::of_case(&mut cases.store().connect().await?, &id).await?;
         // What was sent of a wrong patient must still be withdrawn.
         let is_rejection = matches!(plan, Plan::KeyObject(_));
         if let Some(why) = case.closed.filter(|_| !is_rejection) {
             return Err(closed(why));
         }
         let source = source(cases, &id, asked).await?;
-        if let Some(series) = series.filter(|_| !is_rejection)
-            && let Some(why) = pacs.arrivals().contradiction(&id, &series.uids).await?
-        {
-            return Err(several_patients(format!(
-                "{why}; use a case of what the PACS has sent"
-            )));
-        }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(|| unwritable(WriteError::NoStudy))?;
-        if asked.study.is_some() && !is_rejection {
-            let named = Patient::of(|keyword| source.value(keyword));
-            let arrivals = pacs.arrivals();
-            if let Some(why) = arrivals.contradiction_of_study(&study, &named).await? {
-                return Err(several_patients(why));
-            }
+        let named = Patient::of(|keyword| source.value(keyword));
+        let named = std::future::ready(Ok(Some(named)));
+        if !is_rejection
+            && let Some(why) = pacs.arrivals().contradiction(&id, &study, named).await?
+        {
+            return Err(AppError::new(StatusCode::CONFLICT, SEVERAL_PATIENTS, why));
         }
         let withdrawn = match &plan {
             Plan::KeyObject(plan) => plan.instances.clone(),
@@ -145,7 +136,7 @@ impl Composer {
         let made_at = outline.made_at.unwrap_or(case.created_at);
         let moment = Moment::of(made_at, &source, pacs.time_zone());
         let made_by = [outline.made_by.clone(), format!("{moment:?}")].concat();
-        Ok(Self {
+        let composer = Self {
             digest: digest(&case, asked, &source, &made_by),
             series_number: series_number(asked.what, outline.depth_mm),
             moment,
@@ -156,7 +147,16 @@ impl Composer {
             content,
             outline,
             withdrawn,
-        })
+        };
+        let instance = [composer.instance()];
+        if pacs.store().are_withdrawn(&instance).await? == [true] {
+            return Err(AppError::new(
+                StatusCode::CONFLICT,
+                "withdrawn",
+                "this result was withdrawn by a rejection note, and a PACS would not accept it again; request another picture",
+            ));
+        }
+        Ok(composer)
     }
 
     /// The results that it withdraws, if it is a rejection note.
@@ -305,10 +305,6 @@ async fn listed(pacs: &Pacs, study: &Uid, plan: &KeyObjectPlan) -> Result<Vec<Li
             "an instance of `key_object` is no result that was sent and is still known",
         )
     })
-}
-
-fn several_patients(why: impl Into<String>) -> AppError {
-    AppError::new(StatusCode::CONFLICT, SEVERAL_PATIENTS, why)
 }
 
 fn closed(why: Closed) -> AppError {

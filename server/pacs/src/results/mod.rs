@@ -127,13 +127,6 @@ pub(crate) async fn create_result(
     let composer = Composer::begin(&pacs, id, &asked, plan).await?;
     let store = pacs.store();
     let instance = composer.instance();
-    if store.are_withdrawn(std::slice::from_ref(&instance)).await? == [true] {
-        return Err(AppError::new(
-            StatusCode::CONFLICT,
-            "withdrawn",
-            "this result was withdrawn by a rejection note, and a PACS would not accept it again; request another picture",
-        ));
-    }
     if is_preview {
         return Ok(picture(composer.preview(pacs.cases()).await?));
     }

@@ -1,9 +1,10 @@
 //! Whether the PACS has sent images of a case, or of its study, as those of another patient, in words.
 
 use case::CaseId;
-use case::series::{SeriesUids, Uid};
+use case::series::Uid;
 use cases::{Error, Patient};
 use storage::ObjectName;
+use storage::tables::series;
 
 use super::Arrivals;
 
@@ -11,36 +12,33 @@ use super::Arrivals;
 pub(crate) const SEVERAL_PATIENTS: &str = "several-patients";
 
 impl Arrivals {
-    /// Whether the PACS has sent images of the series of a case as those of another patient, also if they made no case.
+    /// Why a result of a case must not leave as one of its patient: the PACS has sent images of its series, also if they made no case, or of the
+    /// study that was named for a case that is not DICOM, as those of another patient. `named` is the patient who was named then.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// If the store cannot be reached, or the patient of an image cannot be read.
     pub(crate) async fn contradiction(
         &self,
         of: &CaseId,
-        series: &SeriesUids,
+        study: &Uid,
+        named: impl Future<Output = Result<Option<Patient>, Error>>,
     ) -> Result<Option<&'static str>, Error> {
-        let Some(source) = self.cases.attributes_of(of).await? else {
+        let series = series::of_case(&mut self.cases.store().connect().await?, of).await?;
+        if let Some(series) = series {
+            let Some(source) = self.cases.attributes_of(of).await? else {
+                return Ok(None);
+            };
+            let own = Patient::of(|keyword| source.value(keyword));
+            let is_another = self.are_sent_of_another(&series.uids, &own).await?;
+            return Ok(is_another.then_some(
+                "the PACS has sent images of the series of the case as those of another patient; use a case of what the PACS has sent",
+            ));
+        }
+        let Some(named) = named.await? else {
             return Ok(None);
         };
-        let own = Patient::of(|keyword| source.value(keyword));
-        let is_another = self.are_sent_of_another(series, &own).await?;
-        Ok(is_another.then_some(
-            "the PACS has sent images of the series of the case as those of another patient",
-        ))
-    }
-
-    /// Whether images of a study are of another patient than the one who was named for a result of a case that is not DICOM.
-    ///
-    /// # Errors
-    /// If the rows or the patient of an image cannot be read.
-    pub(crate) async fn contradiction_of_study(
-        &self,
-        study: &Uid,
-        named: &Patient,
-    ) -> Result<Option<&'static str>, Error> {
         let held = self.patients_of_study(study).await?;
-        let is_another = held.iter().any(|held| held.contradicts(named));
+        let is_another = held.iter().any(|held| held.contradicts(&named));
         Ok(is_another.then_some(
             "the study that was named for the result is here, and images of it are of another patient",
         ))

@@ -175,11 +175,8 @@ impl<'a> Paper<'a> {
             let at = [x - text.width(size) / 2.0, y + 0.365 * size];
             (text, at, size, LETTERS)
         });
-        let bar = shot.bar();
-        let name_of_bar = bar.map(|[[x, y], _]| {
-            let at = [x, y - 0.3 * size];
-            (Text::strong(BAR), at, 0.75 * size, WHITE)
-        });
+        let name_of_bar = shot.bar_name();
+        let name_of_bar = name_of_bar.map(|(at, size)| (Text::strong(BAR), at, size, WHITE));
         let letters = directions.chain(name_of_bar);
         let letters = letters.map(|(text, at, size, colour)| {
             let glyphs = self.encoded(&text.letters);
@@ -199,7 +196,7 @@ impl<'a> Paper<'a> {
         });
         content.x_object(Name(name.as_bytes())).restore_state();
         content.set_line_cap(LineCapStyle::ButtCap);
-        let bar = bar.map(|points| PolyLine {
+        let bar = shot.bar().map(|points| PolyLine {
             points: points.to_vec(),
             is_closed: false,
         });

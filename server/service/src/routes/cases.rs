@@ -11,10 +11,9 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::layers::MapsView;
 use crate::routes::asked::CasePath;
-use case::Closed;
-use case::Quality;
 use case::{
-    Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters, SurfaceName,
+    Case, CaseChange, CaseFacts, CaseId, CaseState, Closed, CutFacts, ImageRun, MaskKind,
+    Parameters, PlaneFacts, Progress, Quality, SphereFacts, SurfaceName,
 };
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
@@ -22,7 +21,7 @@ use http::fresh::fresh_json;
 use http::problem::{AppError, Problem};
 use http::query::{ApiQuery, Asked, MAX_PAGE, NoQuery, usual_page};
 use http::sent::json_body;
-use storage::{CaseChange, Cursor};
+use storage::Cursor;
 
 /// A case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -66,7 +65,7 @@ pub struct CaseView {
     next: Vec<CaseId>,
     /// Present while the case is being prepared.
     #[serde(skip_serializing_if = "Option::is_none")]
-    progress: Option<ProgressView>,
+    progress: Option<Progress>,
     /// Present if the case has failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Problem>,
@@ -90,15 +89,6 @@ impl CaseView {
     }
 }
 
-/// The progress of a preparation.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct ProgressView {
-    /// `reading`, `extracting`, `mask`, `closing`, `distance`, `core`, `forest`, `mesh` or `storing`.
-    stage: &'static str,
-    /// The finished fraction of the whole preparation, 0 to 1.
-    fraction: f32,
-}
-
 /// The facts about a ready case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ReadyView {
@@ -120,9 +110,9 @@ pub struct ReadyView {
     /// Volume of the envelope.
     envelope_ml: f64,
     /// The sphere around the envelope that zoom 1 fits into a picture.
-    envelope_sphere: SphereView,
+    envelope_sphere: SphereFacts,
     /// The plane at which the head is most like its mirror image, for views that compare the hemispheres.
-    midsagittal: PlaneView,
+    midsagittal: PlaneFacts,
     /// Intensities and how to show them.
     intensity: IntensityView,
     /// The quality of the mask. If it is `review` or `failed`, the header
@@ -177,29 +167,6 @@ pub struct VolumeView {
     /// How many voxels lay so far beyond all others that they are shown as the end of the range; absent if none.
     #[serde(skip_serializing_if = "Option::is_none")]
     clipped_voxels: Option<u64>,
-}
-
-/// A sphere in the patient.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct SphereView {
-    /// Its centre, LPS mm.
-    center_in_patient: [f64; 3],
-    /// Its radius.
-    radius_mm: f64,
-}
-
-/// A plane in the patient: the points `p` with `normal · p = offset_mm`.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-pub struct PlaneView {
-    /// The unit normal, towards the patient's left, LPS.
-    normal: [f64; 3],
-    /// Its distance from the origin of patient space, along the normal.
-    offset_mm: f64,
-    /// The correlation of the intensities in the head with those at their mirror images, 0 to 1.
-    #[schema(minimum = 0, maximum = 1)]
-    correlation: f64,
-    /// Whether the correlation is below 0.5: the plane may be wrong.
-    doubtful: bool,
 }
 
 /// Intensities and how to show them.
@@ -332,10 +299,7 @@ impl From<Case> for CaseView {
             closed: case.closed.map(Closed::name),
             kept: case.kept,
             expires_at: case.expires_at.map(|time| time.to_string()),
-            progress: case.progress.map(|progress| ProgressView {
-                stage: progress.stage.name(),
-                fraction: progress.fraction,
-            }),
+            progress: case.progress,
             error: case
                 .failure
                 .map(|failure| AppError::from(failure).problem()),
@@ -375,16 +339,8 @@ impl From<CaseFacts> for ReadyView {
             cuts: facts.cuts,
             pipeline: facts.pipeline,
             envelope_ml: facts.envelope_ml,
-            envelope_sphere: SphereView {
-                center_in_patient: facts.envelope_sphere.center_in_patient,
-                radius_mm: facts.envelope_sphere.radius_mm,
-            },
-            midsagittal: PlaneView {
-                normal: facts.midsagittal.normal,
-                offset_mm: facts.midsagittal.offset_mm,
-                correlation: facts.midsagittal.correlation,
-                doubtful: facts.midsagittal.doubtful,
-            },
+            envelope_sphere: facts.envelope_sphere,
+            midsagittal: facts.midsagittal,
             intensity: IntensityView {
                 min: facts.intensity_min,
                 max: facts.intensity_max,
@@ -528,16 +484,6 @@ async fn view_of(cases: &Cases, id: &CaseId) -> Result<CaseView, AppError> {
     Ok(view)
 }
 
-/// What to change about a case.
-#[derive(Debug, Clone, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CasePatch {
-    /// Whether to keep it, whatever its age.
-    kept: Option<bool>,
-    /// Another label: at most 200 characters, without control characters.
-    name: Option<String>,
-}
-
 /// Rename a case, or keep it
 ///
 /// A kept case is never removed because of its age, even if the server removes others (`storage.keep_days`). It can
@@ -545,7 +491,7 @@ pub struct CasePatch {
 #[utoipa::path(
     patch, path = "/v1/cases/{id}", tag = "cases",
     params(("id" = String, Path, description = "The case")),
-    request_body = CasePatch,
+    request_body = CaseChange,
     responses(
         (status = 200, description = "The case as it is now", body = CaseView),
         (status = 400, description = "The body is invalid"),
@@ -559,14 +505,10 @@ pub async fn patch_case(
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
-    let patch: CasePatch = json_body(body)?;
-    if let Some(name) = &patch.name {
+    let change: CaseChange = json_body(body)?;
+    if let Some(name) = &change.name {
         Parameters::check_name(name).map_err(Error::from)?;
     }
-    let change = CaseChange {
-        name: patch.name,
-        kept: patch.kept,
-    };
     if !cases.store().change_case(&id, &change).await? {
         return Err(Error::NoSuchCase.into());
     }

@@ -9,12 +9,11 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
-use case::{Contrast, JunctionBandFacts, Layer, MapName, QualityState};
+use case::{JunctionBandFacts, Layer, LayerChange, MapName, QualityState};
 use cases::library::{FlairState, MapsState};
 use cases::pictures::{LayerRef, NO_FLAIR};
 use cases::{Cases, Error};
-use serde::{Deserialize, Serialize};
-use storage::LayerChange;
+use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::routes::asked::CasePath;
@@ -132,18 +131,6 @@ pub async fn get_layer(
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-/// Changes of an added layer that keep its id.
-#[derive(Debug, Default, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct LayerPatch {
-    /// Another name.
-    name: Option<String>,
-    /// Another place among the added layers, from 0.
-    place: Option<usize>,
-    /// The contrast of a layer of the kind `mr`. The newest `flair` gets the map `flair`.
-    contrast: Option<Contrast>,
-}
-
 /// Rename or move a layer, or state its contrast
 ///
 /// Another name, another place in the list, or another contrast. Another placement in the head is another layer: add it again with its
@@ -154,7 +141,7 @@ pub struct LayerPatch {
         ("id" = String, Path, description = "The case"),
         ("layer" = String, Path, description = "The id or name of an added layer"),
     ),
-    request_body = LayerPatch,
+    request_body = LayerChange,
     responses(
         (status = 200, description = "The layer as it is now", body = LayerView),
         (status = 400, description = "The body is invalid"),
@@ -171,12 +158,7 @@ pub async fn patch_layer(
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let layer = cases.layer(&id, &layer_of(&path)?).await?;
-    let patch: LayerPatch = json_body(body)?;
-    let change = LayerChange {
-        name: patch.name,
-        place: patch.place,
-        contrast: patch.contrast,
-    };
+    let change: LayerChange = json_body(body)?;
     let changed = cases.change_layer(&id, &layer.id, &change).await?;
     Ok(fresh_json(StatusCode::OK, &LayerView::of_layer(&changed)))
 }

@@ -9,12 +9,11 @@ use axum::http::{HeaderMap, Method, Request, header};
 use bytes::Bytes;
 use cases::dicom::Program;
 use cases::jobs::start_workers;
-use cases::pictures::{GpuUse, GraphicsOptions};
+use cases::settings::{Limits, MapsUse, Prepare, Render};
 use cases::{Cases, Options};
 use http_body_util::BodyExt as _;
 use pipeline::atlas::AtlasChoice;
 use pipeline::testing::{phantom, upload};
-use pipeline::{HeadLimits, Limits};
 use serde_json::Value;
 use tempfile::TempDir;
 use tower::ServiceExt as _;
@@ -115,28 +114,27 @@ impl Server {
         let directory = tempfile::tempdir().unwrap();
         let options = Options {
             location: directory.path().into(),
-            preparation_threads: 2,
-            prepares_apart: false,
-            preparation_cpu_seconds: 120,
-            makes_maps: false,
             store: storage::Options {
                 queue_limit: 2,
                 ..storage::Options::default()
             },
-            network: None,
-            atlas: AtlasChoice::Off,
             limits: Limits {
-                max_voxels: 64 << 20,
+                max_queued_renders: 16,
+                maps: MapsUse::Off,
                 ..Limits::default()
             },
-            head: HeadLimits::default(),
-            render_threads: 2,
-            max_queued_renders: 16,
+            prepare: Prepare {
+                atlas: AtlasChoice::Off,
+                ..Prepare::default()
+            },
+            render: Render {
+                threads: 2,
+                cache_bytes: 512 << 20,
+                ..Render::on_cpu()
+            },
             children: worker::ChildBudget::default(),
-            cache_bytes: 512 << 20,
-            graphics: GraphicsOptions::of_one(GpuUse::Off),
+            prepares_apart: false,
             dicom_program: Program::other("/bin/false".into(), Vec::new()),
-            max_dicom_bytes: 1 << 20,
             deidentify: false,
             before_removal: Default::default(),
         };

@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use case::images::Image;
 use case::{
-    CaseId, CaseState, Contrast, JobKind, Layer, LayerId, LayerKind, LayerParameters, ObjectKind,
+    CaseId, CaseState, Contrast, JobKind, Layer, LayerChange, LayerId, LayerKind, LayerParameters,
+    ObjectKind,
 };
 
 use super::{Subject, derived, insert, removed};
 use crate::jobs::{Claim, Release};
-use crate::rows::{LayerChange, LayerName, NewCase, NewLayer, Pinned, Published, Referred};
+use crate::rows::{LayerName, NewCase, NewLayer, Pinned, Published, Referred};
 use crate::testing::{claim, facts, failure, layer_facts, name, new_case, pinned};
 use crate::{ObjectName, Store, StoreError};
 use case::series::Uid;

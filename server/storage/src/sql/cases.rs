@@ -7,11 +7,11 @@ use super::made::{self, read_closed};
 use super::{findings, jobs, layers, owners, series};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{CaseChange, Made, NewCase, Pinned, Published, Referred, Submitted};
+use crate::rows::{Made, NewCase, Pinned, Published, Referred, Submitted};
 use crate::{CaseQuery, Cursor, Page, Store, StoreError};
 use case::images::Closed;
 use case::series::{AccessionNumber, PatientDigest, Uid};
-use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
+use case::{Case, CaseChange, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 impl Store {
     /// One case.

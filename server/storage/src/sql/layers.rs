@@ -2,7 +2,8 @@
 
 use case::series::Uid;
 use case::{
-    CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind,
+    CaseId, CaseState, Failure, JobKind, Layer, LayerChange, LayerFacts, LayerId, LayerParameters,
+    ObjectKind,
 };
 use jiff::Timestamp;
 
@@ -11,7 +12,7 @@ use super::made::{self, read_closed};
 use super::{jobs, owners, pins};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{LayerChange, LayerName, Made, NewLayer, Owner, Pinned, Published, Referred};
+use crate::rows::{LayerName, Made, NewLayer, Owner, Pinned, Published, Referred};
 use crate::{Store, StoreError};
 
 impl Store {

@@ -326,7 +326,7 @@ mod tests {
         // It waits for the case.
         let maps = NewJob::about(JobKind::MAPS, &new.id);
         store.enqueue(&maps).await.unwrap();
-        // A worker knows no PACS.
+        // A worker sends nothing.
         let send = NewJob {
             kind: JobKind::new("send", "delivery"),
             needs_ready: false,

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 #[cfg(test)]
-use case::JobKind;
+use case::{CaseChange, JobKind};
 use case::{CaseId, ObjectKind, Parameters};
 
 use super::name;
@@ -12,7 +12,7 @@ use crate::rows::{NewCase, Pinned, Relabel};
 #[cfg(test)]
 use crate::tables::jobs;
 #[cfg(test)]
-use crate::{CaseChange, Claim, Job};
+use crate::{Claim, Job};
 use crate::{ObjectName, Store};
 
 /// Objects pinned for an hour.

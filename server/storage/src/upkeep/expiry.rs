@@ -19,7 +19,7 @@ const FIRST_HOUR: Duration = Duration::from_secs(3600);
 pub enum Waiting {
     /// The process has not run for an hour.
     FirstHour,
-    /// The clock has jumped.
+    /// The clock has jumped, or nobody has noted the time for as long.
     Clock,
     /// As many as may go in a day have gone.
     Day,
@@ -31,7 +31,7 @@ impl Waiting {
         match self {
             Self::FirstHour => "a process removes nothing in its first hour",
             Self::Clock => {
-                "the clock of the database has jumped; correct it, or, if it is right, run `isocortex remove-expired --yes`"
+                "the clock of the database has jumped, or no server or worker ran for some days; correct the clock, or, if it is right, run `isocortex remove-expired --yes` once"
             }
             Self::Day => {
                 "as many cases as may go in a day have gone; `isocortex remove-expired --yes` removes all"

@@ -22,10 +22,10 @@ pub enum Defect {
     FailedThoughWhole(CaseId),
     /// The same of a layer.
     LayerFailedThoughWhole(CaseId, LayerId),
-    /// An image that came from a PACS and is part of no case yet, or a result for one, is missing.
-    MissingForPacs(ObjectName),
-    /// Such an image or result is damaged.
-    DamagedForPacs(ObjectName),
+    /// An object that the tables of another crate name is missing.
+    MissingOfTables(ObjectName),
+    /// An object that the tables of another crate name is damaged.
+    DamagedOfTables(ObjectName),
     /// An object that no case and no layer needs and no process is about to need.
     Unreferenced(ObjectName),
 }
@@ -79,7 +79,7 @@ fn is_source_damaged(failure: Option<&Failure>) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Inspected {
     pub cases: u64,
-    /// Objects that cases and their layers need, each counted for each case; images from a PACS, and results for one.
+    /// Objects that cases and their layers need, each counted for each case, and those that other tables name.
     pub objects: u64,
     /// Bytes of their payloads, unpacked.
     pub bytes: u64,
@@ -110,7 +110,7 @@ pub async fn inspect(
         }
     }
     for kind in [ObjectKind::Instance, ObjectKind::Result] {
-        inspect_for_pacs(store, kind, &mut inspected, report).await?;
+        inspect_of_tables(store, kind, &mut inspected, report).await?;
     }
     for some in store.objects().list().await?.chunks(REMOVALS_AT_ONCE) {
         let unneeded = store.unneeded(some).await?;
@@ -165,8 +165,8 @@ async fn inspect_case(
     Ok(())
 }
 
-/// Reads what came from a PACS, or goes to one.
-async fn inspect_for_pacs(
+/// Reads the objects of a kind that the tables of another crate name.
+async fn inspect_of_tables(
     store: &Store,
     kind: ObjectKind,
     inspected: &mut Inspected,
@@ -184,10 +184,10 @@ async fn inspect_for_pacs(
         for name in names {
             let defect = match inspect_object(store, &name, inspected).await? {
                 Found::Sound => continue,
-                Found::Missing => Defect::MissingForPacs(name),
-                Found::Damaged => Defect::DamagedForPacs(name),
+                Found::Missing => Defect::MissingOfTables(name),
+                Found::Damaged => Defect::DamagedOfTables(name),
             };
-            // It may have become a case, or been sent, a moment ago.
+            // It may have become unneeded a moment ago.
             if store.unneeded(&[name]).await?.is_empty() {
                 report(defect);
             }

@@ -4,7 +4,7 @@ use std::fmt;
 
 /// The rating of a mask, from best to worst.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Verdict {
+pub enum Rating {
     Ok,
     /// Something is unusual: a person should check the mask before the case is used.
     Review,
@@ -15,6 +15,8 @@ pub enum Verdict {
 /// A reason why a mask is not ok.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reason {
+    /// How bad it is: never [`Rating::Ok`].
+    pub rating: Rating,
     /// Its stable code: `mask-cut-inferior` …
     pub code: &'static str,
     /// Its description, a sentence without a full stop.
@@ -27,35 +29,27 @@ impl fmt::Display for Reason {
     }
 }
 
-/// Something unusual about a mask: never [`Verdict::Ok`].
-#[derive(Debug)]
-pub(crate) struct Doubt {
-    pub(crate) verdict: Verdict,
-    pub(crate) reason: Reason,
-}
-
-pub(crate) fn doubt(
-    verdict: Verdict,
+/// The reason for a rating; `None` for [`Rating::Ok`].
+pub(crate) fn reason(
+    rating: Rating,
     code: &'static str,
     sentence: impl FnOnce() -> String,
-) -> Option<Doubt> {
-    (verdict > Verdict::Ok).then(|| Doubt {
-        verdict,
-        reason: Reason {
-            code,
-            sentence: sentence(),
-        },
+) -> Option<Reason> {
+    (rating > Rating::Ok).then(|| Reason {
+        rating,
+        code,
+        sentence: sentence(),
     })
 }
 
-pub(crate) fn review_if(is_unusual: bool) -> Verdict {
+pub(crate) fn review_if(is_unusual: bool) -> Rating {
     graded(is_unusual, false)
 }
 
-pub(crate) fn graded(is_unusual: bool, is_impossible: bool) -> Verdict {
+pub(crate) fn graded(is_unusual: bool, is_impossible: bool) -> Rating {
     match (is_unusual, is_impossible) {
-        (_, true) => Verdict::Failed,
-        (true, _) => Verdict::Review,
-        _ => Verdict::Ok,
+        (_, true) => Rating::Failed,
+        (true, _) => Rating::Review,
+        _ => Rating::Ok,
     }
 }

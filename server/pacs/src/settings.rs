@@ -4,23 +4,64 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use ::pacs::dimse::{
-    self, DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority,
-    TlsIdentity, connecting_tls, is_aet, listening_tls,
-};
-use ::pacs::node::{self, Credentials, WebNode};
+use http::files::{UnreadableFile, read_file};
 use jiff::tz::{Offset, TimeZone};
-use pacs::{ArrivalOptions, SeriesRule};
 use serde::Deserialize;
 
-use super::{ConfigError, read_file};
+use crate::dimse::{
+    self, BadTls, DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority,
+    TlsIdentity, connecting_tls, is_aet, listening_tls,
+};
+use crate::node::{self, Credentials, WebNode};
+use crate::series::{ArrivalOptions, SeriesRule};
+
+/// Why a setting of the PACS is invalid.
+#[derive(Debug, thiserror::Error)]
+pub enum BadSettings {
+    #[error(transparent)]
+    Unreadable(#[from] UnreadableFile),
+    /// An unknown time zone.
+    #[error(
+        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, from `-12:00` to `+14:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
+    )]
+    TimeZone { zone: String },
+    /// A node of the PACS is invalid.
+    #[error("the node `{name}` in `pacs.nodes` is invalid: {source}")]
+    Node { name: String, source: node::BadNode },
+    /// The credentials of a node are incomplete, or of two kinds.
+    #[error(
+        "the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them, and they need `url`"
+    )]
+    NodeCredentials { name: String },
+    /// Two nodes have one name.
+    #[error("two nodes in `pacs.nodes` have the same name")]
+    SameNode,
+    /// An application entity title is invalid.
+    #[error(
+        "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
+    )]
+    Aet,
+    /// The address of a peer is none.
+    #[error(
+        "the `address` of the peer `{aet}` in `pacs.dimse.peers` must be an address, a network such as 10.0.0.0/8, or the name of a host"
+    )]
+    PeerAddress { aet: String },
+    /// TLS of DIMSE is configured incompletely.
+    #[error(
+        "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
+    )]
+    DimseTls,
+    /// A file for TLS of DIMSE is invalid.
+    #[error("TLS of DIMSE: {0}")]
+    BadTls(#[from] BadTls),
+}
 
 const SECONDS_PER_DAY: u64 = 24 * 3600;
 
 /// `[pacs]`: images from a PACS.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Pacs {
+pub struct Settings {
     /// A series is read when nothing has come for it for this time, in seconds.
     pub stable_seconds: u64,
     /// How long series and their images are kept for late images, in days.
@@ -39,7 +80,7 @@ pub struct Pacs {
     pub nodes: Vec<Node>,
 }
 
-impl Default for Pacs {
+impl Default for Settings {
     fn default() -> Self {
         Self {
             stable_seconds: 20,
@@ -121,7 +162,7 @@ pub struct Node {
 
 impl Dimse {
     /// Our certificate and its key, if there are any.
-    fn identity(&self) -> Result<Option<TlsIdentity>, ConfigError> {
+    fn identity(&self) -> Result<Option<TlsIdentity>, BadSettings> {
         match (&self.tls_certificate, &self.tls_key) {
             (None, None) => Ok(None),
             (Some(certificate), Some(key)) => {
@@ -130,7 +171,7 @@ impl Dimse {
                 let identity = TlsIdentity::read(certificate.as_bytes(), key.as_bytes());
                 Ok(Some(identity?))
             }
-            _ => Err(ConfigError::DimseTls),
+            _ => Err(BadSettings::DimseTls),
         }
     }
 
@@ -138,10 +179,10 @@ impl Dimse {
     ///
     /// # Errors
     /// If a file cannot be read or is invalid.
-    pub fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
+    pub fn tls(&self) -> Result<Option<ListeningTls>, BadSettings> {
         let Some(identity) = self.identity()? else {
             return match self.tls_authority {
-                Some(_) => Err(ConfigError::DimseTls),
+                Some(_) => Err(BadSettings::DimseTls),
                 None => Ok(None),
             };
         };
@@ -168,13 +209,13 @@ fn offset_of(text: &str) -> Option<Offset> {
     is_possible.then(|| Offset::from_seconds(60 * minutes).ok())?
 }
 
-fn authority(path: &Path) -> Result<TlsAuthority, ConfigError> {
+fn authority(path: &Path) -> Result<TlsAuthority, BadSettings> {
     Ok(TlsAuthority::read(
         read_file(path, "the certificates of an authority")?.as_bytes(),
     )?)
 }
 
-impl Pacs {
+impl Settings {
     /// How series become cases.
     pub fn arrivals(&self) -> ArrivalOptions {
         ArrivalOptions {
@@ -188,11 +229,11 @@ impl Pacs {
     ///
     /// # Errors
     /// If it is neither an offset nor the name of a zone that this machine knows.
-    pub fn time_zone(&self) -> Result<Option<TimeZone>, ConfigError> {
+    pub fn time_zone(&self) -> Result<Option<TimeZone>, BadSettings> {
         let zone = |text: &String| {
             let offset = offset_of(text).map(TimeZone::fixed);
             let zone = offset.or_else(|| TimeZone::get(text).ok());
-            zone.ok_or_else(|| ConfigError::TimeZone { zone: text.clone() })
+            zone.ok_or_else(|| BadSettings::TimeZone { zone: text.clone() })
         };
         self.time_zone.as_ref().map(zone).transpose()
     }
@@ -201,7 +242,7 @@ impl Pacs {
     ///
     /// # Errors
     /// If one cannot be used, or its credentials cannot be read.
-    pub fn nodes(&self) -> Result<Vec<node::Node>, ConfigError> {
+    pub fn nodes(&self) -> Result<Vec<node::Node>, BadSettings> {
         let nodes: Vec<_> = self
             .nodes
             .iter()
@@ -212,7 +253,7 @@ impl Pacs {
                 .iter()
                 .any(|other| other.name == node.name)
             {
-                return Err(ConfigError::SameNode);
+                return Err(BadSettings::SameNode);
             }
         }
         Ok(nodes)
@@ -222,7 +263,7 @@ impl Pacs {
     ///
     /// # Errors
     /// If an application entity title is not one.
-    pub fn dimse(&self) -> Result<Option<(SocketAddr, DimseOptions)>, ConfigError> {
+    pub fn dimse(&self) -> Result<Option<(SocketAddr, DimseOptions)>, BadSettings> {
         // The files for TLS are of use to nodes, too.
         let tls = self.dimse.tls()?;
         let Some(listen) = self.dimse.listen else {
@@ -230,7 +271,7 @@ impl Pacs {
         };
         let titles = self.dimse.peers.iter().map(|peer| &peer.aet);
         if !titles.chain([&self.dimse.aet]).all(|aet| is_aet(aet)) {
-            return Err(ConfigError::Aet);
+            return Err(BadSettings::Aet);
         }
         let peer = |peer: &Peer| {
             let address = PeerAddress::parse(&peer.address);
@@ -241,7 +282,7 @@ impl Pacs {
                     address,
                     may_reject: peer.may_reject,
                 }),
-                None => Err(ConfigError::PeerAddress { aet }),
+                None => Err(BadSettings::PeerAddress { aet }),
             }
         };
         let peers: Result<_, _> = self.dimse.peers.iter().map(peer).collect();
@@ -256,7 +297,7 @@ impl Pacs {
     }
 
     /// The numbers that must be at least 1.
-    pub(super) fn counts(&self) -> [(&'static str, u64); 2] {
+    pub fn counts(&self) -> [(&'static str, u64); 2] {
         [
             ("pacs.stable_seconds", self.stable_seconds),
             ("pacs.keep_days", self.keep_days),
@@ -265,8 +306,8 @@ impl Pacs {
 }
 
 impl Node {
-    fn open(&self, dimse: &Dimse) -> Result<node::Node, ConfigError> {
-        let invalid = |source| ConfigError::Node {
+    fn open(&self, dimse: &Dimse) -> Result<node::Node, BadSettings> {
+        let invalid = |source| BadSettings::Node {
             name: self.name.clone(),
             source,
         };
@@ -275,7 +316,7 @@ impl Node {
             Some(url) => Some(WebNode::new(url, &credentials).map_err(invalid)?),
             None if credentials == Credentials::None => None,
             None => {
-                return Err(ConfigError::NodeCredentials {
+                return Err(BadSettings::NodeCredentials {
                     name: self.name.clone(),
                 });
             }
@@ -300,7 +341,7 @@ impl Node {
         node::Node::new(&self.name, web, storage).map_err(invalid)
     }
 
-    fn credentials(&self) -> Result<Credentials, ConfigError> {
+    fn credentials(&self) -> Result<Credentials, BadSettings> {
         Ok(match (&self.user, &self.password_file, &self.token_file) {
             (None, None, None) => Credentials::None,
             (Some(user), Some(file), None) => {
@@ -312,7 +353,7 @@ impl Node {
                 Credentials::Bearer(token.trim().to_owned())
             }
             _ => {
-                return Err(ConfigError::NodeCredentials {
+                return Err(BadSettings::NodeCredentials {
                     name: self.name.clone(),
                 });
             }
@@ -322,11 +363,10 @@ impl Node {
 
 #[cfg(test)]
 mod tests {
-    use ::pacs::node::BadNode;
-
     use super::*;
+    use crate::node::BadNode;
 
-    fn parsed(text: &str) -> Pacs {
+    fn parsed(text: &str) -> Settings {
         toml::from_str(text).unwrap()
     }
 
@@ -352,7 +392,7 @@ mod tests {
             let pacs = parsed(&format!(
                 "[dimse]\nlisten = \"127.0.0.1:1\"\n[[dimse.peers]]\naet = \"A\"\naddress = \"{address}\""
             ));
-            let refused = matches!(pacs.dimse(), Err(ConfigError::PeerAddress { .. }));
+            let refused = matches!(pacs.dimse(), Err(BadSettings::PeerAddress { .. }));
             assert_ne!(refused, is_right, "{address}");
         }
         for (aet, is_right) in [
@@ -367,7 +407,7 @@ mod tests {
             let pacs = parsed(&format!(
                 "[dimse]\nlisten = \"127.0.0.1:1\"\naet = \"{aet}\""
             ));
-            let refused = matches!(pacs.dimse(), Err(ConfigError::Aet));
+            let refused = matches!(pacs.dimse(), Err(BadSettings::Aet));
             assert_ne!(refused, is_right, "{aet}");
         }
     }
@@ -390,7 +430,7 @@ mod tests {
             "+14:30",
             "-03",
         ] {
-            let refused = matches!(zone(wrong), Err(ConfigError::TimeZone { .. }));
+            let refused = matches!(zone(wrong), Err(BadSettings::TimeZone { .. }));
             assert!(refused, "{wrong}");
         }
     }
@@ -414,18 +454,18 @@ mod tests {
             assert!(!format!("{nodes:?}").contains("CANARY"));
         }
         let half = node("user = \"alice\"").nodes();
-        assert!(matches!(half, Err(ConfigError::NodeCredentials { .. })));
+        assert!(matches!(half, Err(BadSettings::NodeCredentials { .. })));
         let for_nothing = format!("[[nodes]]\nname = \"a\"\ntoken_file = \"{path}\"");
         let for_nothing = parsed(&for_nothing).nodes();
         assert!(matches!(
             for_nothing,
-            Err(ConfigError::NodeCredentials { .. })
+            Err(BadSettings::NodeCredentials { .. })
         ));
         let twice = format!(
             "{0}{0}",
             "[[nodes]]\nname = \"a\"\nurl = \"http://orthanc/\"\n"
         );
-        assert!(matches!(parsed(&twice).nodes(), Err(ConfigError::SameNode)));
+        assert!(matches!(parsed(&twice).nodes(), Err(BadSettings::SameNode)));
     }
 
     #[test]
@@ -433,7 +473,7 @@ mod tests {
         let opened = |keys: &str| {
             let nodes = parsed(&format!("[[nodes]]\nname = \"archive\"\n{keys}")).nodes();
             nodes.map_err(|error| match error {
-                ConfigError::Node { source, .. } => source,
+                BadSettings::Node { source, .. } => source,
                 other => panic!("{other}"),
             })
         };
@@ -468,10 +508,10 @@ mod tests {
             ["certificate", "key", "authority"].map(|name| format!("tls_{name} = \"{path}\"\n"));
         assert!(dimse("").unwrap());
         for half in [&certificate, &key, &authority] {
-            assert!(matches!(dimse(half), Err(ConfigError::DimseTls)), "{half}");
+            assert!(matches!(dimse(half), Err(BadSettings::DimseTls)), "{half}");
         }
         let refused = dimse(&[certificate, key].concat()).unwrap_err();
-        assert!(matches!(refused, ConfigError::BadTls(_)));
+        assert!(matches!(refused, BadSettings::BadTls(_)));
         assert!(!refused.to_string().contains("CANARY"));
     }
 }
