@@ -8,7 +8,7 @@ import { smoothShare } from "../model/isosurface.ts";
 import { SOFT_PART } from "../model/maps.ts";
 import { CUT_REACH } from "../model/points.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
-import { windowEnds } from "../model/state.ts";
+import { type LookNumbers, windowEnds } from "../model/state.ts";
 import type { SurfaceName } from "../model/surfaces.ts";
 import {
   type Affine,
@@ -78,13 +78,11 @@ export interface OverlayLook extends Moved {
   readonly is_nearest: boolean;
 }
 
-export interface Look extends View {
+export interface Look extends View, LookNumbers {
   /** The surface that is drawn, or that has the contours. */
   readonly surface: SurfaceName;
   readonly depth_mm: number;
   readonly window: Window;
-  readonly slab_mm: number;
-  readonly ambient: number;
   readonly color_row: number;
   /** The layer in the place of the volume. */
   readonly layer: ({ readonly id: string } & Moved) | null;
