@@ -11,8 +11,8 @@ use geometry::{
 use imaging::{ImagingError, nifti};
 use render::gpu::{CaseKey, GpuError, GpuOptions, GpuPool, KeyedModel};
 use render::{
-    Background, Camera, Frame, FrameSize, Hits, KeyedLayers, NamedView, RenderBackend, RenderJob,
-    RenderParameters, RenderRequest, SizedMesh, Window,
+    Background, Camera, Frame, FrameSize, Hits, KeyedLayers, Look, NamedView, RenderBackend,
+    RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
 };
 
 use crate::heads::data;
@@ -109,7 +109,10 @@ impl Head {
             depth_mm,
             camera,
             size: FrameSize::new(side, side).expect("a size within range"),
-            background: Background::Transparent,
+            look: Look {
+                background: Background::Transparent,
+                ..Look::default()
+            },
             ..RenderParameters::new(self.window)
         };
         RenderRequest::new(parameters).expect("a depth within range")

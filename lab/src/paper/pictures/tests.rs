@@ -2,7 +2,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 
 use geometry::{MeshSize, Paths};
-use render::Background;
+use render::{Background, Look};
 
 use super::wireframe::{Drawing, Edges};
 use super::*;
@@ -52,7 +52,10 @@ fn degenerate_triangles_leave_no_hole() {
             depth_mm: depth_mm.into(),
             size: square(160).unwrap(),
             camera: oblique(1.2).unwrap(),
-            background: Background::Transparent,
+            look: Look {
+                background: Background::Transparent,
+                ..Look::default()
+            },
             ..RenderParameters::new(head.window)
         });
         let mesh = SizedMesh { size, mesh };
