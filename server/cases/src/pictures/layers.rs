@@ -106,10 +106,10 @@ impl ChosenLayer {
     ///
     /// # Errors
     /// [`Error::LayerNotReady`], or the failure of a failed layer.
-    pub fn style(&self) -> Result<LayerStyle, Error> {
+    pub fn style(&self) -> Result<OverlayParameters, Error> {
         Ok(match self {
-            Self::Map { name, .. } => LayerStyle::of(*name),
-            Self::Layer(layer) => LayerStyle::of_layer(layer.parameters.kind, ready(layer)?),
+            Self::Map { name, .. } => style_of_map(*name),
+            Self::Layer(layer) => style_of_layer(layer.parameters.kind, ready(layer)?),
         })
     }
 
@@ -191,60 +191,45 @@ pub struct LayerChoice {
     pub overlay_opacity: Option<f64>,
 }
 
-/// The default display of a layer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LayerStyle {
-    /// The values of the first and the last colour, or of black and white.
-    pub window: [f64; 2],
-    pub colormap: ColorMap,
-    /// Values up to this are transparent; `None` shows every defined value.
-    pub threshold: Option<f64>,
-    pub opacity: f64,
+/// The default display of a map: one-sided for `blur`, diverging with a transparent middle for comparisons of the sides.
+pub fn style_of_map(name: MapName) -> OverlayParameters {
+    let (window, colormap, threshold) = match name {
+        MapName::Blur => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
+        MapName::Thickness => ([2.5, 6.0], ColorMap::VermilionYellow, Some(2.5)),
+        MapName::Flair => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
+        MapName::Asymmetry | MapName::IntensityAsymmetry => {
+            ([-6.0, 6.0], ColorMap::BlueOrange, Some(2.5))
+        }
+        MapName::Sharpness => ([0.0, 0.6], ColorMap::Viridis, None),
+        MapName::Junction => ([0.0, 1.0], ColorMap::Viridis, None),
+    };
+    OverlayParameters {
+        window,
+        colormap,
+        threshold,
+        opacity: OPACITY_OF_MAPS,
+    }
 }
 
-impl LayerStyle {
-    /// The default for a map: one-sided for `blur`, diverging with a transparent middle for comparisons of the sides.
-    pub fn of(name: MapName) -> Self {
-        let (window, colormap, threshold) = match name {
-            MapName::Blur => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
-            MapName::Thickness => ([2.5, 6.0], ColorMap::VermilionYellow, Some(2.5)),
-            MapName::Flair => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
-            MapName::Asymmetry | MapName::IntensityAsymmetry => {
-                ([-6.0, 6.0], ColorMap::BlueOrange, Some(2.5))
-            }
-            MapName::Sharpness => ([0.0, 0.6], ColorMap::Viridis, None),
-            MapName::Junction => ([0.0, 1.0], ColorMap::Viridis, None),
-        };
-        Self {
-            window,
-            colormap,
-            threshold,
-            opacity: OPACITY_OF_MAPS,
-        }
-    }
-
-    /// The default for an uploaded layer.
-    pub fn of_layer(kind: LayerKind, facts: &LayerFacts) -> Self {
-        let [low, _] = facts.window;
-        let (colormap, threshold, opacity) = match kind {
-            LayerKind::Mr | LayerKind::Ct | LayerKind::Pet => {
-                (ColorMap::Hot, None, OPACITY_OF_OTHERS)
-            }
-            LayerKind::Map if low < 0.0 => (ColorMap::BlueOrange, Some(0.0), OPACITY_OF_MAPS),
-            LayerKind::Map => (ColorMap::VermilionYellow, Some(0.0), OPACITY_OF_MAPS),
-            LayerKind::Labels => (ColorMap::Labels, None, OPACITY_OF_OTHERS),
-        };
-        // Each label has the colour of its number.
-        let window = match kind {
-            LayerKind::Labels => [0.0, 255.0],
-            _ => facts.window,
-        };
-        Self {
-            window,
-            colormap,
-            threshold,
-            opacity,
-        }
+/// The default display of an uploaded layer.
+pub fn style_of_layer(kind: LayerKind, facts: &LayerFacts) -> OverlayParameters {
+    let [low, _] = facts.window;
+    let (colormap, threshold, opacity) = match kind {
+        LayerKind::Mr | LayerKind::Ct | LayerKind::Pet => (ColorMap::Hot, None, OPACITY_OF_OTHERS),
+        LayerKind::Map if low < 0.0 => (ColorMap::BlueOrange, Some(0.0), OPACITY_OF_MAPS),
+        LayerKind::Map => (ColorMap::VermilionYellow, Some(0.0), OPACITY_OF_MAPS),
+        LayerKind::Labels => (ColorMap::Labels, None, OPACITY_OF_OTHERS),
+    };
+    // Each label has the colour of its number.
+    let window = match kind {
+        LayerKind::Labels => [0.0, 255.0],
+        _ => facts.window,
+    };
+    OverlayParameters {
+        window,
+        colormap,
+        threshold,
+        opacity,
     }
 }
 
@@ -271,11 +256,11 @@ impl LayerChoice {
             }
         }
         // Any style will do: each value is checked by itself.
-        self.styled(LayerStyle::of(MapName::Blur)).map(drop)
+        self.styled(style_of_map(MapName::Blur)).map(drop)
     }
 
     /// A style with the requested values.
-    fn styled(&self, usual: LayerStyle) -> Result<OverlayStyle, Error> {
+    fn styled(&self, usual: OverlayParameters) -> Result<OverlayStyle, Error> {
         Ok(OverlayStyle::new(OverlayParameters {
             window: self
                 .overlay_window
@@ -460,7 +445,7 @@ mod tests {
             let of_layer = None;
             assert_eq!(chosen.overlay, Some(ChosenLayer::Map { name, of_layer }));
             assert_eq!(chosen.version(), Some(format!("maps {MAP_FORMAT}")));
-            choice.styled(LayerStyle::of(name)).unwrap();
+            choice.styled(style_of_map(name)).unwrap();
         }
     }
 

@@ -20,12 +20,12 @@ pub use self::drawing::{DrawnPicture, PictureJob, backend_for, positions, shown_
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::layers::{
-    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, NO_FLAIR,
-    PictureLayers, ready,
+    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, MAPS_OFF, NO_FLAIR, PictureLayers, ready,
+    style_of_layer, style_of_map,
 };
 pub use self::map::{MapRequest, PictureProjection};
 pub use self::numbers::{NumberList, Numbers};
-pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep};
+pub use self::plan::{Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep, Swivel};
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_count,
     default_count, default_picture_count, mesh_size, surface_version, window_of,

@@ -6,9 +6,9 @@ use case::{
 };
 use cases::dicom::Choice;
 use cases::library::{FlairState, MapsState};
-use cases::pictures::{LayerStyle, MAPS_OFF};
+use cases::pictures::{MAPS_OFF, style_of_layer, style_of_map};
 use pipeline::maps::{MAP_FORMAT, NoMaps, map_unit};
-use render::ColorMap;
+use render::{ColorMap, OverlayParameters};
 use serde::Serialize;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
@@ -234,7 +234,7 @@ impl LayerView {
             volume: format!("/v1/cases/{id}/layers/{}/volume", name.name()),
             ..Self::empty()
         }
-        .styled(LayerStyle::of(name))
+        .styled(style_of_map(name))
     }
 
     /// The map of the newest FLAIR.
@@ -281,7 +281,7 @@ impl LayerView {
             sequence: facts.sequence.clone(),
             ..view
         }
-        .styled(LayerStyle::of_layer(parameters.kind, facts))
+        .styled(style_of_layer(parameters.kind, facts))
     }
 
     /// The same, with the choice among DICOM files.
@@ -290,7 +290,7 @@ impl LayerView {
         Self { dicom, ..self }
     }
 
-    fn styled(self, style: LayerStyle) -> Self {
+    fn styled(self, style: OverlayParameters) -> Self {
         Self {
             window: Some(style.window),
             colormap: Some(style.colormap),
