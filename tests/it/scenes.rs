@@ -11,8 +11,8 @@ use geometry::{
 use imaging::{ImagingError, nifti};
 use render::gpu::{CaseKey, GpuError, GpuOptions, GpuPool, KeyedModel};
 use render::{
-    Background, Camera, Frame, FrameSize, Hits, KeyedLayers, Look, NamedView, RenderBackend,
-    RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
+    Background, Camera, Frame, FrameSize, Hits, KeyedLayers, NamedView, RenderBackend, RenderJob,
+    RenderParameters, RenderRequest, SizedMesh, Window,
 };
 
 use crate::heads::data;
@@ -109,10 +109,7 @@ impl Head {
             depth_mm,
             camera,
             size: FrameSize::new(side, side).expect("a size within range"),
-            look: Look {
-                background: Background::Transparent,
-                ..Look::default()
-            },
+            look: Background::Transparent.into(),
             ..RenderParameters::new(self.window)
         };
         RenderRequest::new(parameters).expect("a depth within range")

@@ -5,7 +5,7 @@ mod figure;
 use geometry::PathTable;
 use render::conformance::Agreement;
 use render::{
-    Background, Camera, Frame, FrameSize, Look, NamedView, RenderBackend, RenderParameters,
+    Background, Camera, Frame, FrameSize, NamedView, RenderBackend, RenderParameters,
     RenderRequest, SizedMesh,
 };
 
@@ -43,10 +43,7 @@ pub fn exact_pictures(
             depth_mm,
             camera: Camera::named(view),
             size,
-            look: Look {
-                background: Background::Transparent,
-                ..Look::default()
-            },
+            look: Background::Transparent.into(),
             ..RenderParameters::new(head.window)
         })?;
         let exact = RenderBackend::Trace.draw(&head.job(request, None))?;

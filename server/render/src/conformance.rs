@@ -185,22 +185,25 @@ pub(crate) fn job() -> RenderJob {
 }
 
 /// Lit everywhere alike.
-const LIT: Look = Look {
-    colormap: ColorMap::Grey,
-    slab_mm: 0.0,
-    ambient: 1.0,
-    background: Background::Black,
-};
+fn lit() -> Look {
+    Look {
+        ambient: 1.0,
+        ..Look::default()
+    }
+}
 
-const CLEAR: Look = Look {
-    background: Background::Transparent,
-    ..LIT
-};
+/// The same over nothing.
+fn clear() -> Look {
+    Look {
+        background: Background::Transparent,
+        ..lit()
+    }
+}
 
 fn parameters() -> RenderParameters {
     RenderParameters {
         size: FrameSize::new(96, 96).unwrap(),
-        look: LIT,
+        look: lit(),
         ..RenderParameters::new(Window::between(0.0, 255.0))
     }
 }
@@ -258,10 +261,7 @@ fn pictures_agree_with_the_exact_ones(renderer: &Renderer, limits: &Limits) {
             let request = request(RenderParameters {
                 depth_mm,
                 camera,
-                look: Look {
-                    background: Background::Transparent,
-                    ..Look::default()
-                },
+                look: Background::Transparent.into(),
                 window: Window::between(100.0, 500.0),
                 ..parameters()
             });
@@ -489,7 +489,7 @@ fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &Rende
         depth_mm: 5.0,
         look: Look {
             ambient: 0.2,
-            ..CLEAR
+            ..clear()
         },
         ..parameters()
     });
@@ -512,7 +512,7 @@ fn outside_of_the_volume_nothing_is_shown(renderer: &Renderer) {
         camera,
         look: Look {
             slab_mm: 2.0,
-            ..CLEAR
+            ..clear()
         },
         ..parameters()
     });
@@ -553,7 +553,7 @@ fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
             let request = request(RenderParameters {
                 depth_mm,
                 camera: Camera::named(view),
-                look: CLEAR,
+                look: clear(),
                 ..parameters()
             });
             let hits = renderer.hits(&part, &request);
@@ -607,7 +607,7 @@ fn beside_a_fence_nothing_is_shown(renderer: &Renderer) {
         let request = request(RenderParameters {
             depth_mm,
             camera: Camera::named(NamedView::Right),
-            look: CLEAR,
+            look: clear(),
             ..parameters()
         });
         let hits = renderer.hits(&whole, &request);
@@ -644,7 +644,7 @@ fn colours_are_those_of_the_map(renderer: &Renderer) {
             look: Look {
                 colormap,
                 background,
-                ..LIT
+                ..lit()
             },
             ..parameters()
         });
@@ -681,7 +681,7 @@ fn a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer: &Renderer) {
     let request = request(RenderParameters {
         look: Look {
             slab_mm: 5.0,
-            ..LIT
+            ..lit()
         },
         ..parameters()
     });
@@ -697,7 +697,7 @@ fn one_pixel_and_extreme_zooms_are_drawn(renderer: &Renderer) {
         let request = request(RenderParameters {
             camera,
             size,
-            look: CLEAR,
+            look: clear(),
             ..parameters()
         });
         let frame = renderer.draw(&case, &request);

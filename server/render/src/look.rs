@@ -43,6 +43,16 @@ impl Default for Look {
     }
 }
 
+impl From<Background> for Look {
+    /// The default on this background.
+    fn from(background: Background) -> Self {
+        Self {
+            background,
+            ..Self::default()
+        }
+    }
+}
+
 impl Look {
     /// The same, if its numbers are in their ranges.
     ///

@@ -97,12 +97,8 @@ impl RenderRequest {
         Ok(Self(parameters))
     }
 
-    /// The request with the nearest accepted depth.
-    ///
-    /// # Panics
-    /// If its look is none that [`Look::checked`] accepts.
+    /// The request with the nearest accepted depth, for a look that is checked already.
     pub fn at_nearest_depth(parameters: RenderParameters) -> Self {
-        assert_eq!(parameters.look.checked(), Ok(parameters.look));
         Self(RenderParameters {
             depth_mm: parameters.depth_mm.clamp(0.0, 1000.0),
             ..parameters

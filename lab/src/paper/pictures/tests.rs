@@ -2,7 +2,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 
 use geometry::{MeshSize, Paths};
-use render::{Background, Look};
+use render::Background;
 
 use super::wireframe::{Drawing, Edges};
 use super::*;
@@ -52,10 +52,7 @@ fn degenerate_triangles_leave_no_hole() {
             depth_mm: depth_mm.into(),
             size: square(160).unwrap(),
             camera: oblique(1.2).unwrap(),
-            look: Look {
-                background: Background::Transparent,
-                ..Look::default()
-            },
+            look: Background::Transparent.into(),
             ..RenderParameters::new(head.window)
         });
         let mesh = SizedMesh { size, mesh };

@@ -168,9 +168,7 @@ pub(crate) struct Swivel {
 pub(crate) struct Shown {
     pub(crate) viewpoint: Viewpoint,
     pub(crate) window: AskedWindow,
-    pub(crate) viewport: [u32; 2],
     pub(crate) quality: u8,
-    pub(crate) depth_mm: f32,
     pub(crate) swivel: Option<Swivel>,
     /// At least one.
     pub(crate) pictures: Vec<CheckedPicture>,
@@ -279,9 +277,7 @@ impl<'a> RenderedQuery<'a> {
         Ok(Shown {
             viewpoint,
             window,
-            viewport,
             quality: quality.map_or(USUAL_QUALITY, |quality| quality as u8),
-            depth_mm: first.depth_mm,
             swivel,
             pictures,
         })

@@ -3,7 +3,7 @@
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 
-use super::{LIT, Limits, Phantom, Renderer, aligned, bright, cameras, parameters, request};
+use super::{Limits, Phantom, Renderer, aligned, bright, cameras, lit, parameters, request};
 use crate::{
     Background, Camera, ColorMap, Frame, KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues,
     Look, NamedView, OverlayParameters, OverlayStyle, RenderBackend, RenderParameters, Window,
@@ -231,7 +231,7 @@ fn a_layer_in_place_of_the_intensities_shows_its_own_values(renderer: &Renderer)
         for slab_mm in [0.0, 2.0] {
             let request = request(RenderParameters {
                 window: Window::between(-5.0, 5.0),
-                look: Look { slab_mm, ..LIT },
+                look: Look { slab_mm, ..lit() },
                 ..seen_from(NamedView::Anterior)
             });
             let frame = renderer.draw(&case, &request);
@@ -304,10 +304,7 @@ fn overlays_agree_with_the_exact_ones(renderer: &Renderer, limits: &Limits) {
             let request = request(RenderParameters {
                 depth_mm: 8.0,
                 camera,
-                look: Look {
-                    background: Background::Transparent,
-                    ..Look::default()
-                },
+                look: Background::Transparent.into(),
                 window,
                 ..parameters()
             });

@@ -280,8 +280,7 @@ fn the_mesh_is_that_of_the_processor() {
             let parameters = RenderParameters {
                 look: Look {
                     slab_mm,
-                    background: Background::Transparent,
-                    ..Look::default()
+                    ..Background::Transparent.into()
                 },
                 ..parameters(view, depth_mm)
             };
@@ -390,13 +389,9 @@ fn a_transparent_mesh_has_soft_edges_in_the_colors_of_the_opaque() {
     };
     let case = Case::ball(6);
     let table = case.table(40, 40);
-    let background = Background::Transparent;
     let opaque = mesh(&trace(&case, parameters(NamedView::Left, 3.0)), &table);
     let clear = RenderParameters {
-        look: Look {
-            background,
-            ..Look::default()
-        },
+        look: Background::Transparent.into(),
         ..*opaque.request.parameters()
     };
     let clear = GpuJob {
