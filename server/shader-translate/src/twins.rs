@@ -19,6 +19,7 @@ fn twin(module: &Module, name: &str, file: &str, condition: &str) -> String {
         "/// Twin of `{name}` in `{file}`, which describes each field. Matrices are column by column.\n{condition}#[repr(C)]\n#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]\npub(super) struct {name} {{\n"
     );
     let (members, span) = fields(module, name);
+    let mut paddings = 0;
     let ends = members[1..]
         .iter()
         .map(|member| member.offset)
@@ -28,7 +29,8 @@ fn twin(module: &Module, name: &str, file: &str, condition: &str) -> String {
         text += &format!("    pub(super) {field}: {},\n", of_rust(module, member.ty));
         let gap = end - member.offset - module.types[member.ty].inner.size(module.to_ctx());
         if gap > 0 {
-            text += &format!("    pub(super) _after_{field}: [u32; {}],\n", gap / 4);
+            text += &format!("    pub(super) _padding_{paddings}: [u32; {}],\n", gap / 4);
+            paddings += 1;
         }
     }
     text + "}\n"

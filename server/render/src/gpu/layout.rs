@@ -35,7 +35,7 @@ pub(super) struct Picture {
     pub(super) clip_piece: f32,
     pub(super) smooth_share: f32,
     pub(super) window_is_sigmoid: u32,
-    pub(super) _after_window_is_sigmoid: [u32; 2],
+    pub(super) _padding_0: [u32; 2],
     pub(super) cuts: [[f32; 4]; 6],
     pub(super) overlay_from_field: [[f32; 4]; 4],
     pub(super) overlay_size: [f32; 3],
@@ -52,7 +52,7 @@ pub(super) struct Picture {
     pub(super) overlay_is_nearest: u32,
     pub(super) map_centre: [f32; 2],
     pub(super) map_units_per_pixel: f32,
-    pub(super) _after_map_units_per_pixel: [u32; 3],
+    pub(super) _padding_1: [u32; 3],
 }
 
 /// Twin of `Paths` in `shrink.wgsl`, which describes each field. Matrices are column by column.
@@ -68,5 +68,5 @@ pub(super) struct Paths {
     pub(super) vertex_count: u32,
     pub(super) first_piece: u32,
     pub(super) piece_count: u32,
-    pub(super) _after_piece_count: [u32; 2],
+    pub(super) _padding_0: [u32; 2],
 }

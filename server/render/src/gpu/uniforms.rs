@@ -1,6 +1,5 @@
 //! Computes the uniforms of the shaders from a scene and a request.
 
-use bytemuck::Zeroable as _;
 use glam::{DAffine3, DMat4, DVec3};
 
 use super::case::CaseMaps;
@@ -119,7 +118,8 @@ pub(super) fn picture(
         map_centre: map.map_or([0.0; 2], |map| map.centre().map(|place| place as f32)),
         map_units_per_pixel: map.map_or(0.0, |map| map.units_per_pixel() as f32),
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
-        ..Picture::zeroed()
+        _padding_0: Default::default(),
+        _padding_1: Default::default(),
     }
 }
 

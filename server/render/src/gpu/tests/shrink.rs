@@ -1,6 +1,5 @@
 //! The page's vertex shader shrinks the mesh as the table does.
 
-use bytemuck::Zeroable as _;
 use geometry::PathTable;
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BufferUsages, Extent3d,
@@ -94,7 +93,7 @@ fn paths(table: &PathTable, depth_mm: f32) -> Paths {
         vertex_count: table.size.vertex_count() as u32,
         first_piece: first,
         piece_count: end - first,
-        ..Paths::zeroed()
+        _padding_0: Default::default(),
     }
 }
 
