@@ -115,7 +115,6 @@ export async function mapAgrees(page: Page, server: string, id: string): Promise
     readonly intensity: { readonly window: { readonly center: number; readonly width: number } };
   };
   known.set("window", `${intensity.window.center},${intensity.window.width}`);
-  known.set("ambient", "0.3");
   return picturesAgree(page, own, `v1/cases/${id}/render?${known}`);
 }
 

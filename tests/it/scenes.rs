@@ -109,7 +109,7 @@ impl Head {
             depth_mm,
             camera,
             size: FrameSize::new(side, side).expect("a size within range"),
-            background: Background::Transparent,
+            look: Background::Transparent.into(),
             ..RenderParameters::new(self.window)
         };
         RenderRequest::new(parameters).expect("a depth within range")

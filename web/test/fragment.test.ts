@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { findingAddress, readAddress, readState, writeAddress } from "../src/model/fragment.ts";
 import { type Quat, angleBetween, unit } from "../src/model/space.ts";
-import { type ViewState, firstState } from "../src/model/state.ts";
+import { type LookNumbers, type ViewState, LOOK, LOOK_KEYS, firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
@@ -35,10 +35,9 @@ test("every part of a state comes back from the address, which stays short", () 
     beside: null,
     swipe: { share: 0.3 },
     has_edges: true,
-    slab_mm: 1.5,
     averages_shallow: false,
     outlines_mm: [0, 20.5],
-    ambient: 0.55,
+    ...(Object.fromEntries(LOOK_KEYS.map((key) => [key, 0.55 * LOOK[key].most])) as LookNumbers),
     way: "exact",
     layout: "mirror",
     map: { zoom: 1.75, pan_mm: [10.5, -3], has_inner: true },

@@ -4,6 +4,7 @@ import { test } from "node:test";
 import { transformDirection } from "../src/model/affine.ts";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { reflected, reflection } from "../src/model/midsagittal.ts";
+import { lookNumbers } from "../src/model/state.ts";
 import { add, normalized, scale, type Vec2, type Vec3 } from "../src/model/space.ts";
 import {
   type Look,
@@ -54,8 +55,7 @@ const LOOK: Look = {
   pan_mm: [0, 0],
   depth_mm: 8,
   window: { center: 77, width: 85 },
-  slab_mm: 0,
-  ambient: 0.3,
+  ...lookNumbers("first"),
   color_row: 0,
   layer: null,
   overlay: null,

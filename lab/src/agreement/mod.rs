@@ -43,7 +43,7 @@ pub fn exact_pictures(
             depth_mm,
             camera: Camera::named(view),
             size,
-            background: Background::Transparent,
+            look: Background::Transparent.into(),
             ..RenderParameters::new(head.window)
         })?;
         let exact = RenderBackend::Trace.draw(&head.job(request, None))?;

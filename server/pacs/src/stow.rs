@@ -18,6 +18,7 @@ use crate::identity::InstanceIdentity;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::refusal::{Refusal, Refusals, Status, error_comment};
+use crate::rendered::media::{accepted_ranges, accepts};
 use crate::state::Pacs;
 use crate::values::{ArrivalSource, Reception};
 use http::fresh::fresh_json;
@@ -157,21 +158,13 @@ fn boundary(headers: &HeaderMap) -> Result<String, AppError> {
 
 /// Refuses a request that accepts no DICOM JSON.
 fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
-    let accepted = headers.get_all(header::ACCEPT).iter();
-    let mut accepted = accepted
-        .filter_map(|value| value.to_str().ok())
-        .flat_map(|value| value.split(','))
-        .map(|kind| kind.split(';').next().unwrap_or_default().trim())
-        .peekable();
     let ours = [DICOM_JSON, "application/json", "application/*", "*/*"];
-    if accepted.peek().is_none() || accepted.any(|kind| ours.contains(&kind)) {
-        return Ok(());
+    match accepts(&accepted_ranges(headers), &ours) {
+        true => Ok(()),
+        false => Err(AppError::NotAcceptable {
+            offered: &[DICOM_JSON],
+        }),
     }
-    Err(AppError::new(
-        StatusCode::NOT_ACCEPTABLE,
-        "not-acceptable",
-        format!("none of the accepted media types is available; available types: {DICOM_JSON}"),
-    ))
 }
 
 /// The images of a request.

@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use crate::canvas::Canvas;
 use crate::slice::{EDGE_COLOR, contour_color};
 use crate::{
-    ColorMap, Frame, FrameSize, Layer, LayerValues, Layers, Overlay, Projection, RenderRequest,
-    SHORT_NOTICE, SlicePlane, SliceRequest, Window, WindowFunction,
+    ColorMap, Frame, FrameSize, Layer, LayerValues, Layers, Overlay, Projection, RenderParameters,
+    RenderRequest, SHORT_NOTICE, SlicePlane, SliceRequest, Window, WindowFunction,
 };
 
 /// The smallest side of an annotated picture, in pixels: the notice needs this much.
@@ -52,15 +52,7 @@ pub fn annotate(
 ) -> Frame {
     let parameters = request.parameters();
     let mut canvas = canvas_of(frame);
-    let depth = format!("{} mm", short(parameters.depth_mm));
-    let mut lines = lines(
-        match parameters.slab_mm {
-            0.0 => depth,
-            slab_mm => format!("{depth} ± {} mm", short(slab_mm)),
-        },
-        parameters.window,
-        layers,
-    );
+    let mut lines = lines(depth_words(parameters), parameters.window, layers);
     if let Some(surface) = caption.surface {
         lines.insert(1, surface.to_owned());
     }
@@ -69,6 +61,15 @@ pub fn annotate(
     write_over(&mut canvas, &corner, (orientation, projection));
     color_bar(&mut canvas, layers, projection.size());
     canvas.into_frame()
+}
+
+/// The depth, and over how much of it intensities are averaged.
+pub(crate) fn depth_words(parameters: &RenderParameters) -> String {
+    let depth = format!("{} mm", short(parameters.depth_mm));
+    match parameters.look.slab_mm {
+        0.0 => depth,
+        slab_mm => format!("{depth} ± {} mm", short(slab_mm)),
+    }
 }
 
 /// Writes place, window, a scale bar, the depths of the contours beside their colours, the patient's directions at the

@@ -17,7 +17,7 @@ pub use agreement::{Agreement, difference_picture};
 
 use crate::gpu::{CaseKey, KeyedModel};
 use crate::{
-    Background, Camera, ColorMap, Frame, FrameSize, Hits, KeyedLayers, Light, NamedView,
+    Background, Camera, ColorMap, Frame, FrameSize, Hits, KeyedLayers, Look, NamedView,
     PixelFormat, RenderBackend, RenderJob, RenderParameters, RenderRequest, SizedMesh, Window,
 };
 
@@ -184,10 +184,26 @@ pub(crate) fn job() -> RenderJob {
     }
 }
 
+/// Lit everywhere alike.
+fn lit() -> Look {
+    Look {
+        ambient: 1.0,
+        ..Look::default()
+    }
+}
+
+/// The same over nothing.
+fn clear() -> Look {
+    Look {
+        background: Background::Transparent,
+        ..lit()
+    }
+}
+
 fn parameters() -> RenderParameters {
     RenderParameters {
         size: FrameSize::new(96, 96).unwrap(),
-        light: Light::new(1.0).unwrap(),
+        look: lit(),
         ..RenderParameters::new(Window::between(0.0, 255.0))
     }
 }
@@ -245,9 +261,8 @@ fn pictures_agree_with_the_exact_ones(renderer: &Renderer, limits: &Limits) {
             let request = request(RenderParameters {
                 depth_mm,
                 camera,
-                light: Light::default(),
+                look: Background::Transparent.into(),
                 window: Window::between(100.0, 500.0),
-                background: Background::Transparent,
                 ..parameters()
             });
             let found = renderer.draw(&case, &request);
@@ -424,9 +439,11 @@ fn any_number_of_threads_gives_the_same_bytes(renderer: &Renderer) {
         depth_mm: 4.0,
         camera,
         window: Window::between(0.0, 2000.0),
-        light: Light::default(),
-        slab_mm: 1.5,
-        colormap: ColorMap::Viridis,
+        look: Look {
+            slab_mm: 1.5,
+            colormap: ColorMap::Viridis,
+            ..Look::default()
+        },
         ..parameters()
     });
     let draw = |threads| {
@@ -468,11 +485,12 @@ fn a_pixel_shows_the_native_intensity_at_its_hit(renderer: &Renderer) {
 
 fn a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer: &Renderer) {
     let case = bright();
-    let light = Light::new(0.2).unwrap();
     let request = request(RenderParameters {
         depth_mm: 5.0,
-        light,
-        background: Background::Transparent,
+        look: Look {
+            ambient: 0.2,
+            ..clear()
+        },
         ..parameters()
     });
     let frame = renderer.draw(&case, &request);
@@ -492,8 +510,10 @@ fn outside_of_the_volume_nothing_is_shown(renderer: &Renderer) {
     let camera = Camera::named(NamedView::Posterior);
     let request = request(RenderParameters {
         camera,
-        background: Background::Transparent,
-        slab_mm: 2.0,
+        look: Look {
+            slab_mm: 2.0,
+            ..clear()
+        },
         ..parameters()
     });
     let frame = renderer.draw(&case, &request);
@@ -533,7 +553,7 @@ fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
             let request = request(RenderParameters {
                 depth_mm,
                 camera: Camera::named(view),
-                background: Background::Transparent,
+                look: clear(),
                 ..parameters()
             });
             let hits = renderer.hits(&part, &request);
@@ -587,7 +607,7 @@ fn beside_a_fence_nothing_is_shown(renderer: &Renderer) {
         let request = request(RenderParameters {
             depth_mm,
             camera: Camera::named(NamedView::Right),
-            background: Background::Transparent,
+            look: clear(),
             ..parameters()
         });
         let hits = renderer.hits(&whole, &request);
@@ -621,8 +641,11 @@ fn colours_are_those_of_the_map(renderer: &Renderer) {
         (ColorMap::Bone, Background::Transparent, PixelFormat::Rgba8),
     ] {
         let request = request(RenderParameters {
-            colormap,
-            background,
+            look: Look {
+                colormap,
+                background,
+                ..lit()
+            },
             ..parameters()
         });
         let frame = renderer.draw(&case, &request);
@@ -656,7 +679,10 @@ fn a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer: &Renderer) {
         }
     });
     let request = request(RenderParameters {
-        slab_mm: 5.0,
+        look: Look {
+            slab_mm: 5.0,
+            ..lit()
+        },
         ..parameters()
     });
     let frame = renderer.draw(&case, &request);
@@ -671,7 +697,7 @@ fn one_pixel_and_extreme_zooms_are_drawn(renderer: &Renderer) {
         let request = request(RenderParameters {
             camera,
             size,
-            background: Background::Transparent,
+            look: clear(),
             ..parameters()
         });
         let frame = renderer.draw(&case, &request);

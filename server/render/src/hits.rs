@@ -4,12 +4,12 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Projection;
-use crate::rays::Look;
+use crate::rays::View;
 
 /// For each pixel of a picture the point of the surface that it shows, for picking and for tests.
 #[derive(Debug, Clone)]
 pub struct Hits {
-    look: Look,
+    view: View,
     heights_mm: Vec<f32>,
 }
 
@@ -19,21 +19,21 @@ impl Hits {
     ///
     /// # Panics
     /// If the number of values differs from the number of pixels.
-    pub(crate) fn new(look: impl Into<Look>, heights_mm: Vec<f32>) -> Self {
-        let look = look.into();
+    pub(crate) fn new(view: impl Into<View>, heights_mm: Vec<f32>) -> Self {
+        let view = view.into();
         assert_eq!(
             heights_mm.len(),
-            look.size().pixel_count(),
+            view.size().pixel_count(),
             "one for each pixel"
         );
-        Self { look, heights_mm }
+        Self { view, heights_mm }
     }
 
     /// The projection of the picture; `None` for a map.
     pub fn projection(&self) -> Option<&Projection> {
-        match &self.look {
-            Look::Parallel(projection) => Some(projection),
-            Look::Map(_) => None,
+        match &self.view {
+            View::Parallel(projection) => Some(projection),
+            View::Map(_) => None,
         }
     }
 
@@ -49,7 +49,7 @@ impl Hits {
     /// Position in LPS mm of the surface at pixel (x, y); `None` if it shows the background or lies outside the
     /// picture.
     pub fn position_in_patient(&self, x: u32, y: u32) -> Option<DVec3> {
-        let size = self.look.size();
+        let size = self.view.size();
         if x >= size.width() || y >= size.height() {
             return None;
         }
@@ -70,18 +70,18 @@ impl Hits {
 
     /// The position at a pixel, counted row by row.
     fn position_at(&self, index: usize) -> Option<DVec3> {
-        let width = self.look.size().width() as usize;
+        let width = self.view.size().width() as usize;
         let [x, y] = [index % width, index / width].map(|place| place as f64 + 0.5);
         let height_mm = f64::from(self.heights_mm[index]);
         if !height_mm.is_finite() {
             return None;
         }
-        match &self.look {
-            Look::Parallel(projection) => {
+        match &self.view {
+            View::Parallel(projection) => {
                 let in_frame = DVec3::new(x, y, height_mm);
                 Some(projection.patient_from_frame().transform_point3(in_frame))
             }
-            Look::Map(projection) => projection.position_in_patient([x, y], height_mm),
+            View::Map(projection) => projection.position_in_patient([x, y], height_mm),
         }
     }
 }

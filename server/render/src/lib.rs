@@ -19,7 +19,7 @@ mod jpeg;
 mod known;
 mod layer;
 mod lettering;
-mod light;
+mod look;
 mod map;
 mod map_marks;
 mod mesh;
@@ -58,7 +58,7 @@ pub use layer::{
     KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues, Layers, Overlay, OverlayParameters,
     OverlayStyle,
 };
-pub use light::Light;
+pub use look::{Background, Look};
 pub use map::{
     Hemisphere, MAP_MARGIN, MAP_RADIUS_MM, MAP_RIM, MapDisc, MapFace, MapProjection, MapSides,
 };
@@ -67,7 +67,7 @@ pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
 pub use notice::{RESEARCH_USE_NOTICE, SHORT_NOTICE};
 pub use png::encode_png;
 pub use quality::draw_quality_sheet;
-pub use scene::{Background, RenderParameters, RenderRequest, Scene};
+pub use scene::{RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};
 pub use slice::{
     MAX_CONTOURS, Oblique, SliceConvention, SliceParameters, SlicePlane, SliceRequest,

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::annotate::{Caption, Corner, color_bar, letter_of, lines, short};
+use crate::annotate::{Caption, Corner, color_bar, depth_words, letter_of, lines, short};
 use crate::canvas::Canvas;
 use crate::{
     Frame, FrameSize, Hemisphere, Layers, MAP_MARGIN, MAP_RIM, MapDisc, MapFace, MapProjection,
@@ -69,7 +69,7 @@ pub fn annotate_map(
     let mut canvas = Canvas::new(frame, side);
     let pixels = Pixels::new(map, request);
     pixels.draw_graticule(&mut canvas);
-    let mut lines = lines(depth_words(request), parameters.window, layers);
+    let mut lines = lines(depth_words(parameters), parameters.window, layers);
     let surface = caption.surface.into_iter().map(str::to_owned);
     lines.splice(1..1, surface.chain(["equal-area map".to_owned()]));
     // A disc leaves less of the corner free than a head does.
@@ -102,16 +102,6 @@ pub fn annotate_map(
         write_beside(&mut large, letter, below_name, disc, request);
     }
     large.into_frame()
-}
-
-/// The depth, and over how much of it intensities are averaged.
-fn depth_words(request: &RenderRequest) -> String {
-    let parameters = request.parameters();
-    let depth = format!("{} mm", short(parameters.depth_mm));
-    match parameters.slab_mm {
-        0.0 => depth,
-        slab_mm => format!("{depth} ± {} mm", short(slab_mm)),
-    }
 }
 
 /// Writes the patient's directions into the margin of a disc, none higher than `highest`.

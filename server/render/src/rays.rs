@@ -7,26 +7,26 @@ use crate::{FrameSize, MapProjection, Projection};
 
 /// How a picture sees a head.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Look {
+pub(crate) enum View {
     /// All lines of sight are parallel.
     Parallel(Projection),
     /// All lines of sight of a disc end at the centre of a hemisphere.
     Map(MapProjection),
 }
 
-impl From<&Projection> for Look {
+impl From<&Projection> for View {
     fn from(projection: &Projection) -> Self {
         Self::Parallel(*projection)
     }
 }
 
-impl From<&MapProjection> for Look {
+impl From<&MapProjection> for View {
     fn from(projection: &MapProjection) -> Self {
         Self::Map(*projection)
     }
 }
 
-impl Look {
+impl View {
     pub(crate) fn size(&self) -> FrameSize {
         match self {
             Self::Parallel(projection) => projection.size(),
@@ -75,19 +75,19 @@ pub(crate) struct Ray {
 
 impl Rays {
     /// The lines of sight of a picture through `grid`.
-    pub(crate) fn new(look: impl Into<Look>, grid: &Grid, unit_mm: f64) -> Self {
-        Self::through_voxels(look, grid.voxel_from_patient(), unit_mm)
+    pub(crate) fn new(view: impl Into<View>, grid: &Grid, unit_mm: f64) -> Self {
+        Self::through_voxels(view, grid.voxel_from_patient(), unit_mm)
     }
 
     /// The lines of sight of a picture through voxels with this transform.
     pub(crate) fn through_voxels(
-        look: impl Into<Look>,
+        view: impl Into<View>,
         voxel_from_patient: DAffine3,
         unit_mm: f64,
     ) -> Self {
-        match look.into() {
-            Look::Parallel(projection) => Self::parallel(&projection, voxel_from_patient, unit_mm),
-            Look::Map(projection) => Self::of_disc(&projection, voxel_from_patient, unit_mm),
+        match view.into() {
+            View::Parallel(projection) => Self::parallel(&projection, voxel_from_patient, unit_mm),
+            View::Map(projection) => Self::of_disc(&projection, voxel_from_patient, unit_mm),
         }
     }
 

@@ -3,10 +3,10 @@
 use geometry::{BoundingSphere, DeformableModel, DepthField, ShellIndex, Volume};
 
 use crate::error::checked;
-use crate::rays::Look;
+use crate::rays::View;
 use crate::{
-    Camera, ColorMap, FrameSize, Layers, Light, MapDisc, MapProjection, NamedView, Projection,
-    RenderError, Window,
+    Camera, FrameSize, Layers, Look, MapDisc, MapProjection, NamedView, Projection, RenderError,
+    Window,
 };
 
 /// The data of a case that a renderer needs. Cheap to make, because it borrows everything.
@@ -46,19 +46,6 @@ impl<'a> From<&'a DeformableModel> for Scene<'a> {
     }
 }
 
-/// The background.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub enum Background {
-    /// Opaque black.
-    #[default]
-    Black,
-    /// Nothing: alpha 0.
-    Transparent,
-}
-
 /// Unchecked parameters of a [`RenderRequest`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderParameters {
@@ -72,19 +59,12 @@ pub struct RenderParameters {
     pub size: FrameSize,
     /// The display window.
     pub window: Window,
-    /// The colour map.
-    pub colormap: ColorMap,
-    /// Intensities are averaged over this depth to either side of the isosurface, 0 to 20 mm, but never beyond the
-    /// envelope.
-    pub slab_mm: f64,
-    /// The light.
-    pub light: Light,
-    /// The background.
-    pub background: Background,
+    /// What it looks like.
+    pub look: Look,
 }
 
 impl RenderParameters {
-    /// The left side at depth 0, grey, lit, 512 × 512 pixels on black.
+    /// The left side at depth 0, 512 × 512 pixels.
     pub fn new(window: Window) -> Self {
         Self {
             depth_mm: 0.0,
@@ -92,10 +72,7 @@ impl RenderParameters {
             map: None,
             size: FrameSize::default(),
             window,
-            colormap: ColorMap::Grey,
-            slab_mm: 0.0,
-            light: Light::default(),
-            background: Background::Black,
+            look: Look::default(),
         }
     }
 }
@@ -108,7 +85,7 @@ impl RenderRequest {
     /// Checks the parameters.
     ///
     /// # Errors
-    /// If `depth_mm` is not in 0..=1000 or `slab_mm` not in 0..=20.
+    /// If `depth_mm` is not in 0..=1000, or as [`Look::checked`].
     pub fn new(parameters: RenderParameters) -> Result<Self, RenderError> {
         checked(
             "depth_mm",
@@ -116,23 +93,14 @@ impl RenderRequest {
             0.0..=1000.0,
             "within 0 to 1000",
         )?;
-        Self::check_slab(parameters.slab_mm)?;
+        parameters.look.checked()?;
         Ok(Self(parameters))
     }
 
-    /// Checks `slab_mm` of the parameters.
-    ///
-    /// # Errors
-    /// If it is not in 0..=20.
-    pub fn check_slab(slab_mm: f64) -> Result<(), RenderError> {
-        checked("slab_mm", slab_mm, 0.0..=20.0, "within 0 to 20").map(|_| ())
-    }
-
-    /// The request with the nearest accepted depth and slab.
-    pub fn within_limits(parameters: RenderParameters) -> Self {
+    /// The request with the nearest accepted depth, for a look that is checked already.
+    pub fn at_nearest_depth(parameters: RenderParameters) -> Self {
         Self(RenderParameters {
             depth_mm: parameters.depth_mm.clamp(0.0, 1000.0),
-            slab_mm: parameters.slab_mm.clamp(0.0, 20.0),
             ..parameters
         })
     }
@@ -149,10 +117,10 @@ impl RenderRequest {
     }
 
     /// How the picture sees `scene`.
-    pub(crate) fn look(&self, scene: &Scene<'_>) -> Look {
+    pub(crate) fn view(&self, scene: &Scene<'_>) -> View {
         match self.map_projection() {
-            Some(projection) => Look::Map(projection),
-            None => Look::Parallel(self.projection(scene)),
+            Some(projection) => View::Map(projection),
+            None => View::Parallel(self.projection(scene)),
         }
     }
 
@@ -172,9 +140,6 @@ mod tests {
         assert!(RenderRequest::new(good).is_ok());
         for depth_mm in [-1.0, f64::NAN, f64::INFINITY] {
             assert!(RenderRequest::new(RenderParameters { depth_mm, ..good }).is_err());
-        }
-        for slab_mm in [-0.5, 21.0, f64::NAN] {
-            assert!(RenderRequest::new(RenderParameters { slab_mm, ..good }).is_err());
         }
     }
 }

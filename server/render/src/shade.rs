@@ -6,11 +6,11 @@ use multiversion::multiversion;
 
 use crate::layer::{LayerSampler, OverlayRamp};
 use crate::points::PointRow;
-use crate::rays::{Look, Rays, single};
+use crate::rays::{Rays, View, single};
 use crate::sampler::{Sampler, trilinear, whole};
 use crate::window::WindowLine;
 use crate::{
-    Background, Layers, Light, Overlay, PixelFormat, RenderParameters, RenderRequest, Scene,
+    Background, Layers, Look, Overlay, PixelFormat, RenderParameters, RenderRequest, Scene,
 };
 
 /// The most samples to either side of the isosurface that a slab is averaged over.
@@ -27,7 +27,7 @@ pub(crate) struct Shade<'a> {
     window: WindowLine,
     colors: [[u8; 3]; 256],
     overlay: Option<OverlayPaint<'a>>,
-    light: Light,
+    look: Look,
     format: PixelFormat,
     slab: Option<Slab>,
 }
@@ -91,11 +91,11 @@ pub(crate) struct OverlayPaint<'a> {
 
 impl<'a> OverlayPaint<'a> {
     /// For the pixels of a picture; heights are in units of `unit_mm`.
-    pub(crate) fn new(overlay: Overlay<'a>, look: impl Into<Look>, unit_mm: f64) -> Self {
+    pub(crate) fn new(overlay: Overlay<'a>, view: impl Into<View>, unit_mm: f64) -> Self {
         let from_case = overlay.layer.voxel_from_case();
         Self {
             layer: overlay.layer.sampler(),
-            rays: Rays::through_voxels(look, from_case, unit_mm),
+            rays: Rays::through_voxels(view, from_case, unit_mm),
             ramp: overlay.style.ramp(),
             colors: overlay.style.parameters().colormap.table(),
         }
@@ -123,7 +123,7 @@ struct Slab {
 
 impl Slab {
     fn new(parameters: &RenderParameters, scene: &Scene<'_>) -> Option<Self> {
-        let offsets_mm = slab_offsets(parameters.slab_mm, parameters.depth_mm, scene.volume);
+        let offsets_mm = slab_offsets(parameters.look.slab_mm, parameters.depth_mm, scene.volume);
         let voxel_from_patient = texture_from_patient(scene).matrix3;
         (!offsets_mm.is_empty()).then(|| Self {
             offsets_mm,
@@ -156,8 +156,8 @@ pub(crate) fn slab_offsets(slab_mm: f64, depth_mm: f64, volume: &Volume) -> Vec<
 
 /// The format of a picture: grey as grey, alpha where the background is transparent.
 pub(crate) fn pixel_format(parameters: &RenderParameters, layers: &Layers<'_>) -> PixelFormat {
-    let is_grey = parameters.colormap.is_grey() && layers.overlay.is_none();
-    match (is_grey, parameters.background) {
+    let is_grey = parameters.look.colormap.is_grey() && layers.overlay.is_none();
+    match (is_grey, parameters.look.background) {
         (true, Background::Black) => PixelFormat::Grey8,
         (true, Background::Transparent) => PixelFormat::GreyAlpha8,
         (false, Background::Black) => PixelFormat::Rgb8,
@@ -169,21 +169,21 @@ impl<'a> Shade<'a> {
     /// Shading for the pixels of a picture; surface heights are in units of `unit_mm`.
     pub(crate) fn new(
         scene: &Scene<'a>,
-        look: Look,
+        view: View,
         request: &RenderRequest,
         unit_mm: f64,
     ) -> Self {
         let parameters = request.parameters();
         Self {
             texture: Texture::of(scene),
-            rays: Rays::through_voxels(look, texture_from_patient(scene), unit_mm),
+            rays: Rays::through_voxels(view, texture_from_patient(scene), unit_mm),
             window: parameters.window.line(texture_rescale(scene)),
-            colors: parameters.colormap.table(),
+            colors: parameters.look.colormap.table(),
             overlay: scene
                 .layers
                 .overlay
-                .map(|overlay| OverlayPaint::new(overlay, look, unit_mm)),
-            light: parameters.light,
+                .map(|overlay| OverlayPaint::new(overlay, view, unit_mm)),
+            look: parameters.look,
             format: pixel_format(parameters, &scene.layers),
             slab: Slab::new(parameters, scene),
         }
@@ -265,7 +265,7 @@ impl<'a> Shade<'a> {
                     });
                 }
             }
-            block.finish(self.window, self.light);
+            block.finish(self.window, self.look);
             for (lane, pixel) in pixels.iter_mut().enumerate() {
                 if block.inside[lane] {
                     let color = self.colors[usize::from(block.levels[lane])];
@@ -379,12 +379,12 @@ impl Block {
     }
 
     /// Brightness and light from stored values and facing.
-    fn finish(&mut self, window: WindowLine, light: Light) {
+    fn finish(&mut self, window: WindowLine, look: Look) {
         finish(
             &self.stored,
             &self.facing,
             window,
-            light,
+            look,
             &mut self.levels,
             &mut self.lights,
         );
@@ -428,12 +428,12 @@ fn finish(
     stored: &[f32; LANES],
     facing: &[f32; LANES],
     window: WindowLine,
-    light: Light,
+    look: Look,
     levels: &mut [u8; LANES],
     lights: &mut [f32; LANES],
 ) {
     for lane in 0..LANES {
         levels[lane] = nearest(window.brightness(stored[lane]));
-        lights[lane] = light.on(facing[lane]);
+        lights[lane] = look.light_on(facing[lane]);
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use crate::annotate::edge_letters;
-use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window, WindowFunction};
+use crate::{Camera, Layers, RenderRequest, SliceRequest, Window, WindowFunction};
 
 /// The name of the program in each picture.
 pub const SOFTWARE: &str = concat!("Isocortex ", env!("CARGO_PKG_VERSION"));
@@ -21,10 +21,6 @@ pub fn state_texts(
     layers: &Layers<'_>,
 ) -> Vec<(&'static str, String)> {
     let parameters = request.parameters();
-    let background = match parameters.background {
-        Background::Black => "black",
-        Background::Transparent => "transparent",
-    };
     let mut texts = vec![
         ("Software", SOFTWARE.to_owned()),
         ("case", case.to_owned()),
@@ -34,13 +30,8 @@ pub fn state_texts(
     let camera = camera_texts(&parameters.camera).into_iter();
     // A map does not turn.
     texts.extend(camera.filter(|(key, _)| parameters.map.is_none() || *key != "orientation"));
-    texts.extend([
-        ("window", window_text(parameters.window)),
-        ("colormap", parameters.colormap.name().to_owned()),
-        ("slab_mm", parameters.slab_mm.to_string()),
-        ("ambient", parameters.light.ambient().to_string()),
-        ("background", background.to_owned()),
-    ]);
+    texts.push(("window", window_text(parameters.window)));
+    texts.extend(parameters.look.texts());
     if parameters.window.function() == WindowFunction::Sigmoid {
         texts.push(("window_function", "sigmoid".to_owned()));
     }

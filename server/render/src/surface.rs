@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::known::Known;
 use crate::points::PointRow;
-use crate::rays::{Look, Rays};
+use crate::rays::{Rays, View};
 use crate::shade::Shade;
 use crate::silhouette::Silhouette;
 use crate::{Frame, FrameSize, Hits, RenderRequest, Scene};
@@ -28,16 +28,16 @@ pub(crate) fn draw(
     surface: &impl Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
-    look: impl Into<Look>,
+    view: impl Into<View>,
 ) -> Frame {
-    let look = look.into();
-    let shade = Shade::new(scene, look, request, voxel_mm(scene));
-    let size = look.size();
+    let view = view.into();
+    let shade = Shade::new(scene, view, request, voxel_mm(scene));
+    let size = view.size();
     let row_bytes = size.width() as usize * shade.format().bytes_per_pixel();
     let mut bytes = vec![0; row_bytes * size.height() as usize];
     let with_inward = shade.asks_for_inward();
     let known = Known::new(scene.field, request.parameters().depth_mm);
-    let rays = working_rays(scene, look);
+    let rays = working_rays(scene, view);
     let finish = |row: usize, points: &mut PointRow, pixels: &mut [u8]| {
         known.leave_bare(&rays, row, points);
         shade.row(row, points, pixels);
@@ -52,7 +52,7 @@ pub(crate) fn draw(
             };
             picture.for_each_row(&mut bytes, finish);
         }
-        None => for_each_row(surface, look.size(), with_inward, &mut bytes, finish),
+        None => for_each_row(surface, view.size(), with_inward, &mut bytes, finish),
     }
     Frame::new(size, shade.format(), bytes)
 }
@@ -136,11 +136,11 @@ pub(crate) fn draw_while(
     surface: &impl Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
-    look: impl Into<Look>,
+    view: impl Into<View>,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
     let surface = WhileWanted { surface, is_wanted };
-    let frame = draw(&surface, scene, request, look);
+    let frame = draw(&surface, scene, request, view);
     is_wanted().then_some(frame)
 }
 
@@ -167,16 +167,16 @@ pub(crate) fn hits(
     surface: &impl Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
-    look: impl Into<Look>,
+    view: impl Into<View>,
 ) -> Hits {
-    let look = look.into();
+    let view = view.into();
     let known = Known::new(scene.field, request.parameters().depth_mm);
-    let rays = working_rays(scene, look);
+    let rays = working_rays(scene, view);
     let voxel_mm = voxel_mm(scene) as f32;
-    let mut heights_mm = vec![f32::NEG_INFINITY; look.size().pixel_count()];
+    let mut heights_mm = vec![f32::NEG_INFINITY; view.size().pixel_count()];
     for_each_row(
         surface,
-        look.size(),
+        view.size(),
         false,
         &mut heights_mm,
         |row, points, heights_mm| {
@@ -186,12 +186,12 @@ pub(crate) fn hits(
             }
         },
     );
-    Hits::new(look, heights_mm)
+    Hits::new(view, heights_mm)
 }
 
 /// The lines of sight of a picture through the working grid; heights are in working voxels.
-pub(crate) fn working_rays(scene: &Scene<'_>, look: impl Into<Look>) -> Rays {
-    Rays::new(look, scene.field.grid(), voxel_mm(scene))
+pub(crate) fn working_rays(scene: &Scene<'_>, view: impl Into<View>) -> Rays {
+    Rays::new(view, scene.field.grid(), voxel_mm(scene))
 }
 
 /// A height below everything that `scene` holds, in working voxels.

@@ -3,13 +3,14 @@
 mod colors;
 mod names;
 mod translate;
+mod twins;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
 
-/// Translate the shaders to the page's language and write them into `web/shaders/`.
+/// Translate the shaders to the page's language and write them into `web/shaders/`, and their blocks into the renderer.
 #[derive(Parser)]
 struct Arguments {
     /// Write nothing; fail if a file is stale.
@@ -17,10 +18,17 @@ struct Arguments {
     check: bool,
 }
 
-/// A file of `web/shaders/`.
+/// A file, by its path from the root of the repository.
 struct File {
-    name: &'static str,
+    path: String,
     text: String,
+}
+
+impl File {
+    fn of_page(name: &str, text: String) -> Self {
+        let path = format!("web/shaders/{name}");
+        Self { path, text }
+    }
 }
 
 fn main() -> ExitCode {
@@ -35,8 +43,8 @@ fn main() -> ExitCode {
     match stale.first() {
         None => ExitCode::SUCCESS,
         Some(file) => fail(&format!(
-            "web/shaders/{} is stale: run `cargo run -p shader-translate`",
-            file.name
+            "{} is stale: run `cargo run -p shader-translate`",
+            file.path
         )),
     }
 }
@@ -46,24 +54,20 @@ fn fail(why: &str) -> ExitCode {
     ExitCode::FAILURE
 }
 
-/// Everything that `web/shaders/` holds.
+/// Everything that is written.
 fn files() -> Vec<File> {
     let shaders = render::gpu::PAGE_SHADERS;
     let translated = shaders.map(|shader| (shader.file, translate::translate(&shader)));
     let mut files = vec![
+        File::of_page("names.json", names::listing(&translated)),
+        File::of_page("colors.json", colors::colors()),
         File {
-            name: "names.json",
-            text: names::listing(&translated),
-        },
-        File {
-            name: "colors.json",
-            text: colors::colors(),
+            path: "server/render/src/gpu/layout.rs".to_owned(),
+            text: twins::twins(),
         },
     ];
-    files.extend(translated.into_iter().map(|(name, shader)| File {
-        name,
-        text: shader.text,
-    }));
+    let translated = translated.into_iter();
+    files.extend(translated.map(|(name, shader)| File::of_page(name, shader.text)));
     files
 }
 
@@ -83,8 +87,8 @@ fn write(file: &File) -> std::io::Result<()> {
 
 fn path(file: &File) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../../web/shaders")
-        .join(file.name)
+        .join("../..")
+        .join(&file.path)
 }
 
 #[cfg(test)]
@@ -92,11 +96,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_page_draws_with_the_same_code() {
-        let stale: Vec<_> = stale(files()).iter().map(|file| file.name).collect();
+    fn the_page_and_the_renderer_have_what_the_shaders_say() {
+        let stale: Vec<_> = stale(files()).into_iter().map(|file| file.path).collect();
         assert!(
             stale.is_empty(),
-            "{stale:?} of web/shaders are stale: run `cargo run -p shader-translate`"
+            "{stale:?} are stale: run `cargo run -p shader-translate`"
         );
     }
 }

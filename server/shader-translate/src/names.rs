@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use naga::{Module, StructMember, TypeInner};
 use render::gpu::PAGE_SHADERS;
 
 use crate::translate::{Translated, validated};
@@ -40,11 +41,13 @@ pub(crate) fn listing(translated: &[(&str, Translated)]) -> String {
         ("Paths", "shrink.vert.glsl", ","),
         ("Contours", "slice.frag.glsl", ""),
     ] {
-        let (fields, bytes) = layout(&module_of(file), name);
-        let fields: Vec<_> = fields
-            .into_iter()
-            .map(|(field, offset)| format!("        {field:?}: {offset}"))
-            .collect();
+        let module = module_of(file);
+        let (members, bytes) = fields(&module, name);
+        let fields = members.iter().map(|member| {
+            let name = member.name.as_deref().unwrap_or_default();
+            format!("        {name:?}: {}", member.offset)
+        });
+        let fields: Vec<_> = fields.collect();
         let _ = writeln!(
             json,
             "    {name:?}: {{\n      \"bytes\": {bytes},\n      \"offsets\": {{\n{}\n      }}\n    }}{comma}",
@@ -56,22 +59,20 @@ pub(crate) fn listing(translated: &[(&str, Translated)]) -> String {
 }
 
 /// The module of one of the page's shaders.
-fn module_of(file: &str) -> naga::Module {
+pub(crate) fn module_of(file: &str) -> Module {
     let mut shaders = PAGE_SHADERS.iter();
     let found = shaders.find(|shader| shader.file == file);
     validated(found.expect("the page has this shader").source).0
 }
 
-/// The names and offsets of a struct's fields, and its size.
-fn layout(module: &naga::Module, name: &str) -> (Vec<(String, u32)>, u32) {
+/// The fields of a struct, and its size in bytes.
+pub(crate) fn fields<'a>(module: &'a Module, name: &str) -> (&'a [StructMember], u32) {
     let mut types = module.types.iter();
-    let found = types.find(|(_, found)| found.name.as_deref() == Some(name));
-    let Some(naga::TypeInner::Struct { members, span }) = found.map(|(_, found)| &found.inner)
-    else {
-        panic!("{name} is no struct of the shaders");
-    };
-    let fields = members
-        .iter()
-        .map(|member| (member.name.clone().unwrap_or_default(), member.offset));
-    (fields.collect(), *span)
+    match types.find(|(_, found)| found.name.as_deref() == Some(name)) {
+        Some((_, found)) => match &found.inner {
+            TypeInner::Struct { members, span } => (members, *span),
+            _ => panic!("{name} is no struct of the shaders"),
+        },
+        None => panic!("the shaders have no {name}"),
+    }
 }

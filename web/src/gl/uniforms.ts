@@ -8,8 +8,7 @@ import { smoothShare } from "../model/isosurface.ts";
 import { SOFT_PART } from "../model/maps.ts";
 import { CUT_REACH } from "../model/points.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
-import { windowEnds } from "../model/state.ts";
-import type { SurfaceName } from "../model/surfaces.ts";
+import { type LookNumbers, type ViewState, windowEnds } from "../model/state.ts";
 import {
   type Affine,
   type Vec2,
@@ -78,13 +77,7 @@ export interface OverlayLook extends Moved {
   readonly is_nearest: boolean;
 }
 
-export interface Look extends View {
-  /** The surface that is drawn, or that has the contours. */
-  readonly surface: SurfaceName;
-  readonly depth_mm: number;
-  readonly window: Window;
-  readonly slab_mm: number;
-  readonly ambient: number;
+export interface Look extends View, LookNumbers, Pick<ViewState, "surface" | "depth_mm" | "window"> {
   readonly color_row: number;
   /** The layer in the place of the volume. */
   readonly layer: ({ readonly id: string } & Moved) | null;

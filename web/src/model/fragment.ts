@@ -13,8 +13,9 @@ import {
   type ViewState,
   COLORMAPS,
   LAYOUTS,
+  LOOK,
+  LOOK_KEYS,
   PAN_LIMIT_MM,
-  SLAB_LIMIT_MM,
   WAYS,
   ZOOM_RANGE,
   boundOutlines,
@@ -86,9 +87,9 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   if (state.beside) sayHalf(state.beside, "t");
   say("e", state.swipe ? short(state.swipe.share, 2) : "", "");
   say("h", state.has_edges ? "1" : "", "");
-  say("s", short(state.slab_mm, 1), "0");
+  for (const key of LOOK_KEYS)
+    say(LOOK[key].letter, short(state[key], LOOK[key].digits), short(first[key], LOOK[key].digits));
   say("g", state.averages_shallow ? "1" : "0", "1");
-  say("a", short(state.ambient, 2), short(first.ambient, 2));
   say("r", state.way, first.way);
   say("l", state.layout, first.layout);
   say("j", list([state.map.zoom, ...state.map.pan_mm], 2), list([1, 0, 0], 2));
@@ -129,7 +130,12 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
     const found = words.find((one) => one === text);
     return found === undefined ? UNREAD : { change: change(found), isWhole: true };
   };
+  const ofLook = LOOK_KEYS.map((key) => [
+    LOOK[key].letter,
+    (text: string): Reading => number(text, 0, LOOK[key].most, (value) => ({ [key]: value })),
+  ]);
   return {
+    ...Object.fromEntries(ofLook),
     f: (text) => word(text, SURFACES, (surface) => ({ surface })),
     d: (text) => number(text, 0, clampDepth(Infinity, shown), (depth) => ({ depth_mm: clampDepth(depth, shown) })),
     v: (text) => word(text, VIEW_NAMES, (view) => ({ orientation: NAMED_VIEWS[view] })),
@@ -163,9 +169,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
     t: (text) => word(text, ["1"], () => ({ beside: halfOf(firstState(shown)) })),
     e: (text) => number(text, 0, 1, (share) => ({ swipe: { share } })),
     h: (text) => word(text, ["1"], () => ({ has_edges: true })),
-    s: (text) => number(text, 0, SLAB_LIMIT_MM, (slab_mm) => ({ slab_mm })),
     g: (text) => word(text, ["0", "1"], (averages) => ({ averages_shallow: averages === "1" })),
-    a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),
     r: (text) => word(text, WAYS, (way) => ({ way })),
     l: (text) => word(text, LAYOUTS, (layout) => ({ layout })),
     j: (text, { map }) => {

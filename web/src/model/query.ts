@@ -4,7 +4,7 @@ import { short } from "./text.ts";
 import { viewName } from "./camera.ts";
 import { overlayPairs } from "./maps.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { type ViewState, slabOf } from "./state.ts";
+import { type ViewState, LOOK, LOOK_KEYS, slabOf } from "./state.ts";
 import type { MeshSize } from "./wire.ts";
 
 /** The mesh of the page: 8,000 triangles. */
@@ -21,26 +21,8 @@ function addColours(query: URLSearchParams, state: Pick<ViewState, "window" | "c
   for (const [key, text] of state.overlay ? overlayPairs(state.overlay) : []) query.set(key, text);
 }
 
-/** What of a state a render depends on. */
-export type RenderState = Pick<
-  ViewState,
-  | "surface"
-  | "depth_mm"
-  | "orientation"
-  | "zoom"
-  | "pan_mm"
-  | "window"
-  | "colormap"
-  | "layer"
-  | "overlay"
-  | "slab_mm"
-  | "averages_shallow"
-  | "ambient"
-  | "way"
->;
-
 /** The query of a render of `size` pixels. */
-export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
+export function renderQuery(state: ViewState, size: Vec2): URLSearchParams {
   const query = new URLSearchParams({ depth_mm: short(state.depth_mm, 2) });
   if (state.surface !== "whole") query.set("surface", state.surface);
   const name = viewName(state.orientation);
@@ -49,9 +31,8 @@ export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   if (state.zoom !== 1) query.set("zoom", short(state.zoom, 4));
   if (state.pan_mm.some((part) => part !== 0)) query.set("pan", state.pan_mm.map((part) => short(part, 2)).join(","));
   addColours(query, state);
-  const slab_mm = slabOf(state);
-  if (slab_mm > 0) query.set("slab_mm", short(slab_mm, 3));
-  query.set("ambient", short(state.ambient, 3));
+  const look = { ...state, slab_mm: slabOf(state) };
+  for (const key of LOOK_KEYS) if (look[key] !== 0 || LOOK[key].first !== 0) query.set(key, short(look[key], 3));
   query.set("renderer", state.way === "mesh" ? "mesh" : "trace");
   if (state.way === "mesh") {
     query.set("contours", String(PAGE_MESH.contour_count));

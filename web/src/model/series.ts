@@ -1,8 +1,9 @@
 // What is asked of the server for many pictures in one file: pure.
 
 import type { ViewName } from "./camera.ts";
-import { type RenderState, renderQuery } from "./query.ts";
+import { renderQuery } from "./query.ts";
 import { type Vec2, clamp } from "./space.ts";
+import type { ViewState } from "./state.ts";
 import type { SweepChoice } from "./sweep.ts";
 
 /** The most pictures in one file. */
@@ -11,7 +12,7 @@ export const MOST_PICTURES = 256;
 type Json = string | number | boolean | readonly Json[] | { readonly [key: string]: Json };
 
 /** A picture of a state, with what stands on it, as the server's interface takes it in JSON. */
-export function pictureBody(state: RenderState, size: Vec2): Record<string, Json> {
+export function pictureBody(state: ViewState, size: Vec2): Record<string, Json> {
   // What is saved need not be drawn as fast as what moves.
   const query = renderQuery({ ...state, way: state.way === "auto" ? "exact" : state.way }, size);
   const lists = ["orientation", "pan", "window", "overlay_window"];
@@ -28,7 +29,7 @@ const without = (body: Record<string, Json>, ...keys: string[]): Record<string, 
 
 /** A contact sheet: a row for each depth, a column for each direction, all centred. */
 export function sheetBody(
-  state: RenderState,
+  state: ViewState,
   depths_mm: readonly number[],
   views: readonly ViewName[],
   side: number,
@@ -43,12 +44,12 @@ export function sheetBody(
 }
 
 /** A full turn of what a state shows. */
-export const turnBody = (state: RenderState, frames: number, delay_ms: number, size: Vec2): Json => ({
+export const turnBody = (state: ViewState, frames: number, delay_ms: number, size: Vec2): Json => ({
   swivel: { frames, delay_ms, render: pictureBody(state, size) },
 });
 
 /** A sweep through the depths, a step of `step_mm` to each picture. */
-export function sweepBody(state: RenderState, choice: SweepChoice, step_mm: number, size: Vec2): Json {
+export function sweepBody(state: ViewState, choice: SweepChoice, step_mm: number, size: Vec2): Json {
   const { from_mm, to_mm, mm_per_s, turns } = choice;
   const most = turns ? MOST_PICTURES / 2 : MOST_PICTURES;
   const frames = clamp(Math.round((to_mm - from_mm) / step_mm) + 1, 2, most);

@@ -56,7 +56,23 @@ export interface Swipe {
 /** What each half of the pane has of its own when two are compared side by side. */
 export type HalfLook = Pick<ViewState, "layer" | "overlay" | "window" | "colormap">;
 
-export interface ViewState {
+/**
+ * The numbers of what a picture looks like, by their keys on the server, whose defaults are the first ones: from 0 to `most`, without
+ * any effect if `plain`, and in the address under a letter with so many digits.
+ */
+export const LOOK = {
+  /** Intensities are averaged over so much depth to either side, in mm. */
+  slab_mm: { most: 20, first: 0, plain: 0, letter: "s", digits: 1 },
+  /** The share of light that reaches every face; 1 is no shading. */
+  ambient: { most: 1, first: 0.3, plain: 1, letter: "a", digits: 2 },
+} as const;
+export const LOOK_KEYS = Object.keys(LOOK) as readonly (keyof typeof LOOK)[];
+export type LookNumbers = Readonly<Record<keyof typeof LOOK, number>>;
+
+export const lookNumbers = (which: "first" | "plain"): LookNumbers =>
+  Object.fromEntries(LOOK_KEYS.map((key) => [key, LOOK[key][which]])) as LookNumbers;
+
+export interface ViewState extends LookNumbers {
   /** The surface below which depth is measured. */
   readonly surface: SurfaceName;
   /** Below the envelope, 0 to the case's greatest depth. */
@@ -81,12 +97,8 @@ export interface ViewState {
   readonly has_edges: boolean;
   /** The window of what is drawn without a layer beside one or below its edges, if it is not that of the layer. */
   readonly bare_window?: Window;
-  /** Intensities are averaged over so much depth to either side. */
-  readonly slab_mm: number;
   /** Whether they are averaged near the envelope although `slab_mm` is 0: see `slabOf`. */
   readonly averages_shallow: boolean;
-  /** The share of light that reaches every face, 0 to 1; 1 is no shading. */
-  readonly ambient: number;
   readonly way: Way;
   readonly layout: Layout;
   readonly map: MapView;
@@ -103,13 +115,11 @@ export interface ViewState {
 
 export const ZOOM_RANGE = [0.25, 20] as const;
 export const PAN_LIMIT_MM = 300;
-export const SLAB_LIMIT_MM = 20;
 export const DEPTH_STEP_MM = 0.5;
 export const FINE_DEPTH_STEP_MM = 0.1;
 /** From about 6 to 20 mm the cuts are orthogonal to most of the sulci. */
 export const GOOD_DEPTHS_MM = [6, 20] as const;
 export const FIRST_DEPTH_MM = 10;
-export const DEFAULT_AMBIENT = 0.3;
 
 /** How a ready case is first shown. */
 export function firstState(shown: ReadyCase): ViewState {
@@ -126,9 +136,8 @@ export function firstState(shown: ReadyCase): ViewState {
     beside: null,
     swipe: null,
     has_edges: false,
-    slab_mm: 0,
+    ...lookNumbers("first"),
     averages_shallow: true,
-    ambient: DEFAULT_AMBIENT,
     way: "auto",
     layout: "single",
     map: FIRST_MAP,

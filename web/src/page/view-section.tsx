@@ -2,7 +2,7 @@
 
 import { VIEW_NAMES, viewName } from "../model/camera.ts";
 import { number, t } from "../base/i18n.ts";
-import { SLAB_LIMIT_MM, WAYS, ZOOM_RANGE } from "../model/state.ts";
+import { WAYS, ZOOM_RANGE } from "../model/state.ts";
 import { SURFACES } from "../model/surfaces.ts";
 import { perform } from "../store/commands.ts";
 import { Button, Buttons, ChoiceLine, type OfStore, Row, Section, Slider, Ticked } from "./fields.tsx";
@@ -73,7 +73,7 @@ export function DrawingSection({ store }: OfStore) {
       <Slider
         id="slab"
         label={t("slab.label")}
-        range={[0, Math.min(SLAB_LIMIT_MM, 5), 0.5]}
+        range={[0, 5, 0.5]}
         value={slab_mm}
         words={`±${number(slab_mm, 1)} mm`}
         onSlide={(value) => store.change({ slab_mm: value })}

@@ -36,7 +36,7 @@ import { ARROWS } from "../model/keys.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
 import { type Vec2, type Vec3, add, clamp, dot, scale, distance } from "../model/space.ts";
-import type { ViewState } from "../model/state.ts";
+import { type ViewState, LOOK_KEYS } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
@@ -254,9 +254,10 @@ export class MapPane {
 
   /** Fetches the positions of a map that rests. */
   #askForPositions({ state, size: [width, height] }: Seen): void {
-    const path = this.#path({ ...state, layer: null, overlay: null }, [width / STEP, height / STEP]);
-    // Colours have no influence on what is seen where.
-    const wanted = path.replace(/&(window|colormap|ambient)=[^&]*/g, "");
+    const query = mapQuery({ ...state, layer: null, overlay: null }, [width / STEP, height / STEP]);
+    // What it looks like has no influence on what is seen where.
+    for (const key of ["window", "colormap", ...LOOK_KEYS]) query.delete(key);
+    const wanted = `${this.#shown.id}/render?${query}`;
     if (wanted === this.#known) return;
     this.#known = wanted;
     this.#positions = null;

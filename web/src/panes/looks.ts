@@ -15,6 +15,7 @@ import {
   isMirrored,
   layersOf,
   leftOf,
+  lookNumbers,
   partsOf,
   slabOf,
   viewSize,
@@ -94,7 +95,7 @@ function sliceLookOf(
   const overlay = edgesLayer(state);
   const drawn = overlay ? { ...bareOf(state), overlay } : state;
   return {
-    look: { ...lookOf(drawn), ...sliceCamera(view), depth_mm: 0, slab_mm: 0, ambient: 1 },
+    look: { ...lookOf(drawn), ...sliceCamera(view), ...lookNumbers("plain"), depth_mm: 0 },
     center_in_patient: sliceCenter(view, envelope_sphere),
     contours_mm,
     has_edges: overlay !== null,

@@ -10,7 +10,7 @@ mod wireframe;
 use geometry::BoundingSphere;
 use glam::{DQuat, DVec3};
 use render::{
-    Camera, Frame, FrameSize, Light, NamedView, RenderBackend, RenderParameters, RenderRequest,
+    Camera, Frame, FrameSize, Look, NamedView, RenderBackend, RenderParameters, RenderRequest,
     SizedMesh, Window,
 };
 
@@ -87,7 +87,10 @@ fn plain(
         depth_mm,
         camera,
         size,
-        light: Light::new(0.1)?,
+        look: Look {
+            ambient: 0.1,
+            ..Look::default()
+        },
         // All intensities are above it, so the light alone decides.
         ..RenderParameters::new(Window::between(low - 2.0, low - 1.0))
     })?)

@@ -52,7 +52,7 @@ fn degenerate_triangles_leave_no_hole() {
             depth_mm: depth_mm.into(),
             size: square(160).unwrap(),
             camera: oblique(1.2).unwrap(),
-            background: Background::Transparent,
+            look: Background::Transparent.into(),
             ..RenderParameters::new(head.window)
         });
         let mesh = SizedMesh { size, mesh };

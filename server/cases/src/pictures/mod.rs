@@ -25,7 +25,7 @@ pub use self::layers::{
 };
 pub use self::map::{MapRequest, PictureProjection};
 pub use self::numbers::{NumberList, Numbers};
-pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep};
+pub use self::plan::{Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep, Swivel};
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_count,
     default_count, default_picture_count, mesh_size, surface_version, window_of,

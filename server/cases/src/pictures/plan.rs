@@ -1,6 +1,7 @@
 //! Several pictures of one request: a list, a sheet, a turn, or a way through the depths.
 
 use render::{NamedView, SheetPlan};
+use serde::{Deserialize, Serialize};
 
 use super::request::{CheckedPicture, PictureRequest, picture_size};
 use crate::error::Error;
@@ -36,27 +37,59 @@ pub enum Layout {
     },
 }
 
-/// The pictures of an animation.
-#[derive(Debug, Clone, Copy)]
-pub struct Frames {
-    /// Number of pictures, 2 to 256.
-    pub count: u32,
-    /// The time of each picture, 10 to 10,000 ms.
-    pub time_ms: u16,
+/// A full turn.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Swivel {
+    /// Number of pictures.
+    #[cfg_attr(feature = "openapi", schema(minimum = 2, maximum = 256))]
+    pub frames: u32,
+    /// The time of each picture, in ms.
+    #[serde(default = "default_delay")]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(minimum = 10, maximum = 10000, default = 80)
+    )]
+    pub delay_ms: u16,
+    /// The picture to turn.
+    pub render: PictureRequest,
 }
 
-/// A way through the depths.
-#[derive(Debug, Clone, Copy)]
+/// A sweep through the depths.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
 pub struct Sweep {
-    /// The first and the last depth, 0 to 1000 mm.
-    pub depths_mm: [f32; 2],
-    /// Its pictures, which include the first and the last depth.
-    pub frames: Frames,
+    /// The first depth, in mm.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0))]
+    pub from_mm: f32,
+    /// The last depth, in mm.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0))]
+    pub to_mm: f32,
+    /// Number of pictures, including the first and the last.
+    #[cfg_attr(feature = "openapi", schema(minimum = 2, maximum = 256))]
+    pub frames: u32,
+    /// The time of each picture, in ms.
+    #[serde(default = "default_delay")]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(minimum = 10, maximum = 10000, default = 80)
+    )]
+    pub delay_ms: u16,
     /// Whether to append the way back; neither end is shown twice.
+    #[serde(default)]
     pub there_and_back: bool,
-    /// Whether intensities are averaged near the envelope unless the picture has a `slab_mm`: over 1 mm of depth down to a
-    /// depth of 1 mm, and over less down to 2 mm. Layers thinner than two voxels show as rings there.
+    /// Whether intensities are averaged near the envelope unless `slab_mm` is given: over 1 mm of depth down to a depth
+    /// of 1 mm, and over less down to 2 mm. Layers thinner than two voxels show as rings there.
+    #[serde(default)]
     pub average_shallow: bool,
+    /// The picture, without a depth.
+    pub render: PictureRequest,
+}
+
+fn default_delay() -> u16 {
+    80
 }
 
 /// Why pictures cannot be planned.
@@ -121,22 +154,17 @@ fn refused<T>(part: Part, detail: impl Into<String>) -> Result<T, PlanError> {
     Err(PlanError::Part(part, detail.into()))
 }
 
-impl Frames {
-    fn check(self) -> Result<(), PlanError> {
-        if !(2..=MAX_PICTURES as u32).contains(&self.count) {
-            return refused(Part::Frames, "must be 2 to 256");
-        }
-        if !(10..=10_000).contains(&self.time_ms) {
-            return refused(Part::FrameTime, "must be 10 to 10000");
-        }
-        Ok(())
+/// An animation of so many pictures, each shown for a time.
+fn animation(frames: u32, delay_ms: u16) -> Result<Layout, PlanError> {
+    if !(2..=MAX_PICTURES as u32).contains(&frames) {
+        return refused(Part::Frames, "must be 2 to 256");
     }
-
-    fn layout(self) -> Layout {
-        Layout::Animation {
-            frame_time_ms: self.time_ms,
-        }
+    if !(10..=10_000).contains(&delay_ms) {
+        return refused(Part::FrameTime, "must be 10 to 10000");
     }
+    Ok(Layout::Animation {
+        frame_time_ms: delay_ms,
+    })
 }
 
 impl PicturePlan {
@@ -217,11 +245,12 @@ impl PicturePlan {
     ///
     /// # Errors
     /// If the number of pictures, their time or the picture is invalid.
-    pub fn turn(picture: &PictureRequest, frames: Frames) -> Result<Self, PlanError> {
-        frames.check()?;
-        let angle = |step| std::f64::consts::TAU * f64::from(step) / f64::from(frames.count);
-        let angles_rad: Vec<_> = (0..frames.count).map(angle).collect();
-        Self::turned(picture, &angles_rad, frames.layout())
+    pub fn turn(swivel: &Swivel) -> Result<Self, PlanError> {
+        let count = swivel.frames;
+        let layout = animation(count, swivel.delay_ms)?;
+        let angle = |step| std::f64::consts::TAU * f64::from(step) / f64::from(count);
+        let angles_rad: Vec<_> = (0..count).map(angle).collect();
+        Self::turned(&swivel.render, &angles_rad, layout)
     }
 
     /// A picture turned around its vertical axis by each of some angles.
@@ -245,13 +274,10 @@ impl PicturePlan {
     ///
     /// # Errors
     /// If the number of pictures, their time, the depths or the picture is invalid, or the picture has a depth.
-    pub fn sweep(picture: &PictureRequest, sweep: Sweep) -> Result<Self, PlanError> {
-        let Sweep {
-            depths_mm: [from_mm, to_mm],
-            frames,
-            ..
-        } = sweep;
-        frames.check()?;
+    pub fn sweep(sweep: &Sweep) -> Result<Self, PlanError> {
+        let picture = &sweep.render;
+        let (from_mm, to_mm, frames) = (sweep.from_mm, sweep.to_mm, sweep.frames);
+        let layout = animation(frames, sweep.delay_ms)?;
         let checked = picture.checked();
         checked.map_err(|error| PlanError::Picture(0, error))?;
         if picture.depth_mm != 0.0 {
@@ -266,7 +292,7 @@ impl PicturePlan {
             }
         }
         let at = |frame: u32| {
-            let share = frame as f32 / (frames.count - 1) as f32;
+            let share = frame as f32 / (frames - 1) as f32;
             let depth_mm = from_mm * (1.0 - share) + to_mm * share;
             let slab_mm = match sweep.average_shallow && picture.slab_mm == 0.0 {
                 true => shallow_slab_mm(depth_mm.into()),
@@ -278,7 +304,7 @@ impl PicturePlan {
                 ..picture.clone()
             }
         };
-        let mut plan = Self::each((0..frames.count).map(at), frames.layout())?;
+        let mut plan = Self::each((0..frames).map(at), layout)?;
         if sweep.there_and_back {
             let back: Vec<_> = plan.pictures[1..plan.pictures.len() - 1].to_vec();
             plan.pictures.extend(back.into_iter().rev());
@@ -385,34 +411,31 @@ fn shallow_slab_mm(depth_mm: f64) -> f64 {
 mod tests {
     use super::*;
 
-    const FRAMES: Frames = Frames {
-        count: 5,
-        time_ms: 80,
-    };
+    fn sweep(from_mm: f32, to_mm: f32) -> Sweep {
+        Sweep {
+            from_mm,
+            to_mm,
+            frames: 5,
+            delay_ms: 80,
+            there_and_back: false,
+            average_shallow: false,
+            render: PictureRequest::default(),
+        }
+    }
 
-    fn depths(sweep: Sweep) -> Vec<f32> {
-        let plan = PicturePlan::sweep(&PictureRequest::default(), sweep).unwrap();
+    fn depths(sweep: &Sweep) -> Vec<f32> {
+        let plan = PicturePlan::sweep(sweep).unwrap();
         let asked = plan.pictures.iter().map(|picture| picture.asked.depth_mm);
         asked.collect()
     }
 
     #[test]
     fn a_sweep_shows_neither_end_twice() {
-        let sweep = Sweep {
-            depths_mm: [4.0, 12.0],
-            frames: FRAMES,
-            there_and_back: false,
-            average_shallow: false,
-        };
-        assert_eq!(depths(sweep), [4.0, 6.0, 8.0, 10.0, 12.0]);
-        let there_and_back = Sweep {
-            there_and_back: true,
-            ..sweep
-        };
-        assert_eq!(
-            depths(there_and_back),
-            [4.0, 6.0, 8.0, 10.0, 12.0, 10.0, 8.0, 6.0]
-        );
+        let mut sweep = sweep(4.0, 12.0);
+        assert_eq!(depths(&sweep), [4.0, 6.0, 8.0, 10.0, 12.0]);
+        sweep.there_and_back = true;
+        let there_and_back = [4.0, 6.0, 8.0, 10.0, 12.0, 10.0, 8.0, 6.0];
+        assert_eq!(depths(&sweep), there_and_back);
     }
 
     #[test]
@@ -422,16 +445,12 @@ mod tests {
             depth_mm: 3.0,
             ..PictureRequest::default()
         };
-        let sweep = Sweep {
-            depths_mm: [0.0, 2000.0],
-            frames: FRAMES,
-            there_and_back: false,
-            average_shallow: false,
-        };
-        let refused = PicturePlan::sweep(&deep, sweep).unwrap_err();
-        assert!(named(refused).starts_with("`Varied` is determined"));
-        let refused = PicturePlan::sweep(&PictureRequest::default(), sweep).unwrap_err();
+        let mut sweep = sweep(0.0, 2000.0);
+        let refused = PicturePlan::sweep(&sweep).unwrap_err();
         assert_eq!(named(refused), "`LastDepth` must be 0 to 1000 mm");
+        sweep.render = deep.clone();
+        let refused = PicturePlan::sweep(&sweep).unwrap_err();
+        assert!(named(refused).starts_with("`Varied` is determined"));
         let wrong = PictureRequest {
             depth_mm: -3.0,
             ..PictureRequest::default()

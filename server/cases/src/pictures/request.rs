@@ -5,7 +5,7 @@ use geometry::{DeformableModel, MeshSize};
 use pipeline::surfaces::SURFACES_FORMAT;
 use render::choice::Renderer;
 use render::{
-    Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, MapDisc, MapSides,
+    Background, Camera, ColorMap, FrameSize, Look, MIN_ANNOTATED_SIDE, MapDisc, MapSides,
     NamedView, RenderParameters, RenderRequest, Window, WindowFunction,
 };
 use serde::{Deserialize, Serialize};
@@ -181,6 +181,7 @@ pub struct PictureRequest {
 
 impl Default for PictureRequest {
     fn default() -> Self {
+        let look = Look::default();
         Self {
             depth_mm: 0.0,
             surface: SurfaceName::default(),
@@ -195,10 +196,10 @@ impl Default for PictureRequest {
             pan: None,
             window: None,
             window_function: None,
-            colormap: ColorMap::default(),
-            slab_mm: 0.0,
-            ambient: f64::from(Light::default().ambient()),
-            background: Background::default(),
+            colormap: look.colormap,
+            slab_mm: look.slab_mm,
+            ambient: look.ambient,
+            background: look.background,
             contours: default_picture_count(),
             points: default_picture_count(),
             paths: PathKind::Flow,
@@ -239,22 +240,24 @@ impl PictureRequest {
         self.layers().check()?;
         let window = self.window()?;
         let size = picture_size(self.width, self.height)?;
-        let light = Light::new(self.ambient)?;
+        let look = self.look().checked()?;
         self.check_slab()?;
         Ok(CheckedPicture {
             asked: self.clone(),
             depth,
             mesh,
-            camera,
-            size,
             window,
-            light,
+            parameters: RenderParameters {
+                camera,
+                size,
+                look,
+                ..RenderParameters::new(Window::between(0.0, 1.0))
+            },
         })
     }
 
     /// Whether one picture costs no more than the others: an average takes about as many samples a pixel as it is deep in mm.
     fn check_slab(&self) -> Result<(), Error> {
-        RenderRequest::check_slab(self.slab_mm)?;
         let pixels = f64::from(self.width) * f64::from(self.height);
         if self.slab_mm > 0.0 && pixels * (1.0 + self.slab_mm) > MAX_SLAB_SAMPLES {
             let most = MAX_SLAB_SAMPLES;
@@ -264,6 +267,16 @@ impl PictureRequest {
             return Err(Error::out_of_range("slab_mm", detail));
         }
         Ok(())
+    }
+
+    /// What the picture looks like, but for its window and its layers.
+    pub fn look(&self) -> Look {
+        Look {
+            colormap: self.colormap,
+            slab_mm: self.slab_mm,
+            ambient: self.ambient,
+            background: self.background,
+        }
     }
 
     fn window(&self) -> Result<Option<Window>, Error> {
@@ -415,11 +428,10 @@ pub struct CheckedPicture {
     pub depth: DepthMm,
     /// The mesh, for a renderer that draws one.
     pub mesh: MeshSize,
-    camera: Camera,
-    size: FrameSize,
     /// The window; by default from the layer or the case.
     window: Option<Window>,
-    light: Light,
+    /// All other values, for a depth of 0.
+    parameters: RenderParameters,
 }
 
 impl CheckedPicture {
@@ -432,7 +444,7 @@ impl CheckedPicture {
         layers: &PictureLayers,
     ) -> RenderRequest {
         let request = self.of_case(facts, layers);
-        RenderRequest::within_limits(RenderParameters {
+        RenderRequest::at_nearest_depth(RenderParameters {
             depth_mm: depth.mm.into(),
             map: Some(disc),
             ..*request.parameters()
@@ -443,21 +455,15 @@ impl CheckedPicture {
     pub fn of_case(&self, facts: &CaseFacts, layers: &PictureLayers) -> RenderRequest {
         let depth_mm = self.depth.shown_in(facts).mm.into();
         let usual = || layers.window.unwrap_or_else(|| window_of(facts));
-        RenderRequest::within_limits(RenderParameters {
+        RenderRequest::at_nearest_depth(RenderParameters {
             depth_mm,
-            camera: self.camera,
-            map: None,
-            size: self.size,
             window: self.window.unwrap_or_else(usual),
-            colormap: self.asked.colormap,
-            slab_mm: self.asked.slab_mm,
-            light: self.light,
-            background: self.asked.background,
+            ..self.parameters
         })
     }
 
     pub fn camera(&self) -> &Camera {
-        &self.camera
+        &self.parameters.camera
     }
 }
 
@@ -533,6 +539,33 @@ pub fn window_of(facts: &CaseFacts) -> Window {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    #[cfg(feature = "openapi")]
+    fn the_description_states_the_ranges_and_defaults() {
+        let number = |value: &serde_json::Value| value.as_f64().unwrap() as f32;
+        let usual = serde_json::to_value(PictureRequest::default()).unwrap();
+        let is_accepted = |key: &str, value: f64| {
+            let mut keys = serde_json::json!({ key: value, "overlay": "blur" });
+            if value.fract() == 0.0 {
+                keys[key] = (value as i64).into();
+            }
+            let asked = serde_json::from_value::<PictureRequest>(keys);
+            asked.is_ok_and(|asked| asked.checked().is_ok())
+        };
+        for key in <PictureRequest as utoipa::IntoParams>::into_params(|| None) {
+            let schema = serde_json::to_value(key.schema).unwrap();
+            if let Some(default) = schema.get("default").filter(|value| value.is_number()) {
+                assert_eq!(number(default), number(&usual[&key.name]), "{}", key.name);
+            }
+            for (end, beyond) in [("minimum", -1e-3), ("maximum", 1e-3)] {
+                if let Some(end) = schema.get(end).and_then(serde_json::Value::as_f64) {
+                    assert!(is_accepted(&key.name, end), "{} {end}", key.name);
+                    assert!(!is_accepted(&key.name, end + beyond), "{} {end}", key.name);
+                }
+            }
+        }
+    }
 
     #[test]
     fn a_large_picture_averages_over_little_depth() {

@@ -160,8 +160,7 @@ impl SliceQuery {
         }
         let oblique = self.oblique()?;
         check_annotation(self.annotate, [self.width, self.height])?;
-        let layers = self.layers();
-        layers.check()?;
+        self.layers().check()?;
         if self.edges && self.overlay.is_none() {
             return Err(Error::out_of_range("edges", "needs `overlay`"));
         }
@@ -181,10 +180,8 @@ impl SliceQuery {
         })?;
         Ok(CheckedSlice {
             asked: self.clone(),
-            position_mm: self.position_mm,
             oblique,
             window,
-            layers,
             request,
         })
     }
@@ -264,13 +261,10 @@ impl std::str::FromStr for SliceKind {
 #[derive(Debug, Clone)]
 pub struct CheckedSlice {
     pub asked: SliceQuery,
-    /// The position; by default the middle of the case.
-    position_mm: Option<f64>,
     /// The oblique plane, if it is one.
     oblique: Option<ObliquePlane>,
     /// The window; by default from the layer or the case.
     window: Option<Window>,
-    layers: LayerChoice,
     /// All other values, for the axial plane through the origin.
     request: SliceRequest,
 }
@@ -288,7 +282,7 @@ impl CheckedSlice {
                 "position",
                 "is required for `oblique`: LPS coordinates in mm",
             ),
-            SliceKind::Oblique if self.position_mm.is_some() => refused(
+            SliceKind::Oblique if self.asked.position_mm.is_some() => refused(
                 "position_mm",
                 "is not accepted for `oblique`; set `position`",
             ),
@@ -310,7 +304,7 @@ impl CheckedSlice {
             SliceKind::Oblique => SlicePlane::Axial,
         };
         let middle_mm = || middle_mm(facts, plane.axis());
-        let position_mm = self.position_mm.unwrap_or_else(middle_mm);
+        let position_mm = self.asked.position_mm.unwrap_or_else(middle_mm);
         let usual = || layers.window.unwrap_or_else(|| window_of(facts));
         let window = self.window.unwrap_or_else(usual);
         let request = self.request.clone().shown(plane, position_mm, window);
@@ -412,7 +406,7 @@ impl SlicePicture {
         slice: CheckedSlice,
     ) -> Result<Self, Error> {
         slice.check_kind(kind)?;
-        let layers = slice.layers.of_case(&cases.library, id).await?;
+        let layers = slice.asked.layers().of_case(&cases.library, id).await?;
         if slice.asked.edges && layers.has_labels_above() {
             let detail = "is not possible for a label map, because labels have no edges; choose another `overlay`";
             return Err(Error::out_of_range("edges", detail));

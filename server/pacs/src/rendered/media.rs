@@ -77,6 +77,12 @@ pub(crate) fn accepted_ranges(headers: &HeaderMap) -> Vec<MediaType> {
     parsed(ranges)
 }
 
+/// Whether one of the ranges is one of `kinds`.
+pub(crate) fn accepts(ranges: &[MediaType], kinds: &[&str]) -> bool {
+    let mut ranges = ranges.iter();
+    ranges.any(|range| kinds.contains(&&*range.essence))
+}
+
 fn parsed(ranges: Vec<&str>) -> Vec<MediaType> {
     ranges.into_iter().filter_map(MediaType::parse).collect()
 }

@@ -208,11 +208,11 @@ fn metadata(shown: &Shown, surface: SurfaceName, facts: &CaseFacts) -> Value {
     let numbers = |values: &[f64]| json!({"vr": "FD", "Value": values});
     let text = |vr: &str, value: &str| json!({"vr": vr, "Value": [value]});
     let decimals = |value: f64| json!({"vr": "DS", "Value": [value]});
-    let [width, height] = shown.viewport;
+    let asked = &shown.pictures[0].asked;
     let viewpoint = &shown.viewpoint;
     let mut item = json!({
-        "00280010": {"vr": "US", "Value": [height]},
-        "00280011": {"vr": "US", "Value": [width]},
+        "00280010": {"vr": "US", "Value": [asked.height]},
+        "00280011": {"vr": "US", "Value": [asked.width]},
         "00281050": decimals(shown.window.centre),
         "00281051": decimals(shown.window.width),
         "00281056": text("CS", shown.window.function.dicom_name()),
@@ -224,7 +224,7 @@ fn metadata(shown: &Shown, surface: SurfaceName, facts: &CaseFacts) -> Value {
         "00720510": text("CS", "3D_RENDERING"),
         "00082111": text("ST", &format!(
             "Isosurface {} mm below the envelope of the {}. {}",
-            shown.depth_mm.min(facts.max_depth_mm),
+            asked.depth_mm.min(facts.max_depth_mm),
             surface.words().unwrap_or("brain"),
             render::RESEARCH_USE_NOTICE
         )),

@@ -1,6 +1,7 @@
 //! The query for a picture (PS3.18 §8.3.5.3), and what is drawn for it.
 
 use std::collections::BTreeMap;
+use std::sync::LazyLock;
 
 use case::{CaseFacts, SphereFacts, SurfaceName};
 use cases::Error;
@@ -40,11 +41,8 @@ const MAX_TOTAL_PIXELS: usize = 1 << 25;
 /// direction from which it was computed.
 const DIRECTION_STEP: f64 = 1e-9;
 
-/// What our own keys mean that go to the request for a picture as they are.
-const AS_OF_RENDER: &str = "As of `GET /v1/cases/{id}/render`";
-
-/// The keys of the standard, and our own, with what they mean.
-pub(crate) const KEYS: [(&str, &str); 26] = [
+/// The keys of the standard with what they mean, and our own that has another default here.
+const KEYS: [(&str, &str); 15] = [
     ("accept", "The accepted media types, instead of the header"),
     (
         "orientation",
@@ -81,18 +79,24 @@ pub(crate) const KEYS: [(&str, &str); 26] = [
         "`yes` for the values of the view instead of a picture",
     ),
     ("depth_mm", "Depth below the envelope, in mm; 8 by default"),
-    ("surface", AS_OF_RENDER),
-    ("renderer", AS_OF_RENDER),
-    ("colormap", AS_OF_RENDER),
-    ("slab_mm", AS_OF_RENDER),
-    ("ambient", AS_OF_RENDER),
-    ("layer", AS_OF_RENDER),
-    ("overlay", AS_OF_RENDER),
-    ("overlay_window", AS_OF_RENDER),
-    ("overlay_colormap", AS_OF_RENDER),
-    ("overlay_threshold", AS_OF_RENDER),
-    ("overlay_opacity", AS_OF_RENDER),
 ];
+
+/// The keys of a picture that those determine, or that have no place in a PACS.
+const NOT_OWN: &str = "depth_mm projection sides view orientation width height zoom pan window window_function background contours points paths annotate";
+
+/// All other keys of a picture, which mean here what they mean there.
+static OWN: LazyLock<Vec<String>> = LazyLock::new(|| {
+    let keys = http::query::keys::<PictureRequest>().into_iter();
+    let is_own = |key: &String| !NOT_OWN.split(' ').any(|other| other == key);
+    keys.map(|(key, _)| key).filter(is_own).collect()
+});
+
+/// All keys, with what they mean.
+fn keys() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let own = OWN.iter().map(String::as_str);
+    KEYS.into_iter()
+        .chain(own.map(|key| (key, "As of `GET /v1/cases/{id}/render`")))
+}
 
 /// The keys, for the description.
 pub(crate) struct RenderedParams;
@@ -108,7 +112,7 @@ impl IntoParams for RenderedParams {
                 .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
                 .build()
         };
-        KEYS.map(key).into()
+        keys().map(key).collect()
     }
 }
 
@@ -164,9 +168,7 @@ pub(crate) struct Swivel {
 pub(crate) struct Shown {
     pub(crate) viewpoint: Viewpoint,
     pub(crate) window: AskedWindow,
-    pub(crate) viewport: [u32; 2],
     pub(crate) quality: u8,
-    pub(crate) depth_mm: f32,
     pub(crate) swivel: Option<Swivel>,
     /// At least one.
     pub(crate) pictures: Vec<CheckedPicture>,
@@ -177,21 +179,13 @@ fn wrong(key: &str, rule: &str) -> AppError {
 }
 
 fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let values: Option<Vec<f64>> = text
-        .split(',')
-        .map(|part| part.trim().parse().ok())
-        .collect();
-    let values: [f64; N] = values?.try_into().ok()?;
-    values
-        .iter()
-        .all(|value| value.is_finite())
-        .then_some(values)
+    text.parse().ok().map(|Numbers(numbers)| numbers)
 }
 
 impl<'a> RenderedQuery<'a> {
     pub(crate) fn read(keys: &'a BTreeMap<String, String>) -> Result<Self, AppError> {
         // An unknown key may be a misspelt one, without which the picture would be another.
-        let known = KEYS.map(|(name, _)| name);
+        let known: Vec<_> = self::keys().map(|(name, _)| name).collect();
         if keys.keys().any(|key| !known.contains(&&**key)) {
             let detail = format!(
                 "a key of the query is unknown; known keys: {}",
@@ -240,8 +234,9 @@ impl<'a> RenderedQuery<'a> {
 
     /// The values of our own keys that mean the same as for every picture.
     fn own(&self) -> Result<PictureRequest, AppError> {
-        let own = KEYS.iter().filter(|(_, words)| *words == AS_OF_RENDER);
-        let pairs = own.filter_map(|(key, _)| Some(((*key).into(), self.text(key)?.into())));
+        let pairs = OWN
+            .iter()
+            .filter_map(|key| Some((key.into(), self.text(key)?.into())));
         from_pairs(pairs).map_err(|error| AppError::Query {
             kind: "query-value-out-of-range",
             parameter: error.path().to_string().into(),
@@ -282,9 +277,7 @@ impl<'a> RenderedQuery<'a> {
         Ok(Shown {
             viewpoint,
             window,
-            viewport,
             quality: quality.map_or(USUAL_QUALITY, |quality| quality as u8),
-            depth_mm: first.depth_mm,
             swivel,
             pictures,
         })

@@ -65,7 +65,6 @@ impl Drawing {
         let [first, last] = self.ends();
         let [width, height] = [first.width, first.height];
         let depth = range(first.depth_mm, last.depth_mm);
-        let slab = range(first.slab_mm, last.slab_mm);
         let radius = case.parameters.closing_radius_mm;
         let mut text = format!(
             "Isosurface {depth} mm below the envelope of the {} (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
@@ -94,11 +93,7 @@ impl Drawing {
                 )
             }
         };
-        text += &format!(
-            "colours {}, mean over {slab} mm to either side, ambient light {}. ",
-            first.colormap.name(),
-            first.ambient as f32
-        );
+        text += &format!("{}. ", first.look().words());
         if let Some(layer) = &first.layer {
             text += &format!("Texture: layer {layer}. ");
         }

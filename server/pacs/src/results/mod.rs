@@ -22,7 +22,7 @@ use utoipa::ToSchema;
 use self::compose::Composer;
 use self::request::ResultRequest;
 use crate::error::ReasonView;
-use crate::rendered::media::accepted_ranges;
+use crate::rendered::media::{accepted_ranges, accepts};
 use crate::state::Pacs;
 use crate::values::{NewResult, NotValid, SentResult};
 use http::fresh::fresh_json;
@@ -179,25 +179,23 @@ async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, A
 /// Whether the client accepts PNG rather than an object.
 fn wants_picture(headers: &HeaderMap) -> Result<bool, AppError> {
     let ranges = accepted_ranges(headers);
-    let accepts = |kinds: &[&str]| ranges.iter().any(|range| kinds.contains(&&*range.essence));
     // The answer to a request that names a node is JSON.
-    if accepts(&[
+    let ours = [
         "application/dicom",
         "application/json",
         "application/dicom+json",
         "application/*",
         "*/*",
-    ]) {
+    ];
+    if accepts(&ranges, &ours) {
         return Ok(false);
     }
-    if accepts(&["image/png", "image/*"]) {
+    if accepts(&ranges, &["image/png", "image/*"]) {
         return Ok(true);
     }
-    Err(AppError::new(
-        StatusCode::NOT_ACCEPTABLE,
-        "not-acceptable",
-        "none of the accepted media types is available; available types: application/dicom, image/png",
-    ))
+    Err(AppError::NotAcceptable {
+        offered: &["application/dicom", "image/png"],
+    })
 }
 
 /// The answer with a preview. Captions may be patient data.

@@ -3,10 +3,10 @@
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 
-use super::{Limits, Phantom, Renderer, aligned, bright, cameras, parameters, request};
+use super::{Limits, Phantom, Renderer, aligned, bright, cameras, lit, parameters, request};
 use crate::{
     Background, Camera, ColorMap, Frame, KeyedLayer, KeyedLayers, Layer, LayerKey, LayerValues,
-    Light, NamedView, OverlayParameters, OverlayStyle, RenderBackend, RenderParameters, Window,
+    Look, NamedView, OverlayParameters, OverlayStyle, RenderBackend, RenderParameters, Window,
 };
 
 pub(super) fn check(renderer: &Renderer, limits: &Limits) {
@@ -231,7 +231,7 @@ fn a_layer_in_place_of_the_intensities_shows_its_own_values(renderer: &Renderer)
         for slab_mm in [0.0, 2.0] {
             let request = request(RenderParameters {
                 window: Window::between(-5.0, 5.0),
-                slab_mm,
+                look: Look { slab_mm, ..lit() },
                 ..seen_from(NamedView::Anterior)
             });
             let frame = renderer.draw(&case, &request);
@@ -304,9 +304,8 @@ fn overlays_agree_with_the_exact_ones(renderer: &Renderer, limits: &Limits) {
             let request = request(RenderParameters {
                 depth_mm: 8.0,
                 camera,
-                light: Light::default(),
+                look: Background::Transparent.into(),
                 window,
-                background: Background::Transparent,
                 ..parameters()
             });
             let [found, exact] = [&renderer, &judge].map(|renderer| renderer.draw(&case, &request));

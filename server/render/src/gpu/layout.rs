@@ -1,8 +1,6 @@
-//! The Rust twins of the shaders' structs.
+//! The Rust twins of the shaders' structs, which `cargo run -p shader-translate` writes.
 
 use bytemuck::{Pod, Zeroable};
-
-use crate::known::MOST_CUTS;
 
 /// Twin of `Picture` in `picture.wgsl`, which describes each field. Matrices are column by column.
 #[repr(C)]
@@ -37,8 +35,8 @@ pub(super) struct Picture {
     pub(super) clip_piece: f32,
     pub(super) smooth_share: f32,
     pub(super) window_is_sigmoid: u32,
-    pub(super) _padding: [f32; 2],
-    pub(super) cuts: [[f32; 4]; MOST_CUTS],
+    pub(super) _padding_0: [u32; 2],
+    pub(super) cuts: [[f32; 4]; 6],
     pub(super) overlay_from_field: [[f32; 4]; 4],
     pub(super) overlay_size: [f32; 3],
     pub(super) overlay_scale: f32,
@@ -54,10 +52,10 @@ pub(super) struct Picture {
     pub(super) overlay_is_nearest: u32,
     pub(super) map_centre: [f32; 2],
     pub(super) map_units_per_pixel: f32,
-    pub(super) _padding_of_map: [u32; 3],
+    pub(super) _padding_1: [u32; 3],
 }
 
-/// Twin of `Paths` in `shrink.wgsl`.
+/// Twin of `Paths` in `shrink.wgsl`, which describes each field. Matrices are column by column.
 #[cfg(test)]
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -70,5 +68,5 @@ pub(super) struct Paths {
     pub(super) vertex_count: u32,
     pub(super) first_piece: u32,
     pub(super) piece_count: u32,
-    pub(super) _padding: [u32; 2],
+    pub(super) _padding_0: [u32; 2],
 }

@@ -124,7 +124,7 @@ impl GpuRenderer {
             surface: &surface,
             ..call
         })?;
-        Ok(Hits::new(call.request.look(&call.scene), heights_mm))
+        Ok(Hits::new(call.request.view(&call.scene), heights_mm))
     }
 
     /// The height of each pixel's point above the plane through the centre of the target, in mm; −∞ for the background. A

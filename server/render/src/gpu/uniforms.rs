@@ -50,7 +50,7 @@ pub(super) fn picture(
     let depth = parameters.depth_mm / voxel_mm;
     let reach_mm = scene.bounds.radius_mm + CLIP_MARGIN * voxel_mm;
     let window = parameters.window.line(texture_rescale(scene));
-    let slab = slab_offsets(parameters.slab_mm, parameters.depth_mm, scene.volume);
+    let slab = slab_offsets(parameters.look.slab_mm, parameters.depth_mm, scene.volume);
     let size = [parameters.size.width(), parameters.size.height()].map(f64::from);
     let patient_from_field = field_grid.patient_from_voxel();
     let base = layers.base.as_ref();
@@ -86,8 +86,8 @@ pub(super) fn picture(
         sphere_centre: single(field_from_patient.transform_point3(scene.bounds.centre_in_patient)),
         sphere_radius: (scene.bounds.radius_mm / voxel_mm - depth + BALL_MARGIN) as f32,
         size: size.map(|side| side as f32),
-        ambient: parameters.light.ambient(),
-        color_row: color_row(parameters.colormap),
+        ambient: parameters.look.ambient as f32,
+        color_row: color_row(parameters.look.colormap),
         window_black: window.black,
         window_factor: window.factor,
         window_offset: window.offset,
@@ -97,7 +97,6 @@ pub(super) fn picture(
         clip_reach: (reach_mm / voxel_mm) as f32,
         smooth_share: smooth_share(depth as f32),
         window_is_sigmoid: u32::from(window.is_sigmoid),
-        _padding: [0.0; 2],
         cuts: cuts(scene, parameters.depth_mm),
         overlay_from_field: columns(overlay.map_or(DAffine3::IDENTITY, |overlay| {
             overlay.voxel_from_case * patient_from_field
@@ -118,8 +117,9 @@ pub(super) fn picture(
         overlay_is_nearest: u32::from(overlay.is_some_and(|overlay| overlay.is_nearest)),
         map_centre: map.map_or([0.0; 2], |map| map.centre().map(|place| place as f32)),
         map_units_per_pixel: map.map_or(0.0, |map| map.units_per_pixel() as f32),
-        _padding_of_map: [0; 3],
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
+        _padding_0: Default::default(),
+        _padding_1: Default::default(),
     }
 }
 

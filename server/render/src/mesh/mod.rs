@@ -108,7 +108,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::{Background, Camera, FrameSize, Light, RenderParameters, Window};
+    use crate::{Background, Camera, FrameSize, Look, RenderParameters, Window};
 
     /// An even ellipsoid of half axes 30, 38 and 26 mm.
     fn ellipsoid() -> BuiltModel {
@@ -132,12 +132,18 @@ mod tests {
         let parameters = RenderParameters {
             depth_mm: 4.0,
             size: FrameSize::new(96, 96).unwrap(),
-            light: Light::new(1.0).unwrap(),
+            look: Look {
+                ambient: 1.0,
+                ..Look::default()
+            },
             ..RenderParameters::new(Window::between(0.0, 255.0))
         };
         let draw = |background| {
             let request = RenderRequest::new(RenderParameters {
-                background,
+                look: Look {
+                    background,
+                    ..parameters.look
+                },
                 ..parameters
             });
             draw_mesh(

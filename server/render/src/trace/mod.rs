@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use crate::isosurface::Isosurface;
 use crate::points::PointRow;
-use crate::rays::{Look, Rays};
+use crate::rays::{Rays, View};
 use crate::seeds::{Lattice, Seeds};
 use crate::silhouette::Silhouette;
 use crate::surface::{self, Surface, Wanted, bottom, working_rays};
@@ -22,12 +22,12 @@ use march::{Sight, first_hits};
 /// Draws the isosurface {depth = D} exactly; pixels have the formats and soft edges of [`crate::draw_splat`]. The only renderer of
 /// the flat map.
 pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
-    match request.look(scene) {
-        Look::Parallel(projection) => {
+    match request.view(scene) {
+        View::Parallel(projection) => {
             let surface = Traced::new(scene, request, &projection);
             surface::draw(&surface, scene, request, &projection)
         }
-        Look::Map(projection) => {
+        View::Map(projection) => {
             let surface = Mapped::new(scene, request, &projection);
             surface::draw(&surface, scene, request, &projection)
         }
@@ -40,12 +40,12 @@ pub fn draw_trace_while(
     request: &RenderRequest,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
-    match request.look(scene) {
-        Look::Parallel(projection) => {
+    match request.view(scene) {
+        View::Parallel(projection) => {
             let surface = Traced::new(scene, request, &projection);
             surface::draw_while(&surface, scene, request, &projection, is_wanted)
         }
-        Look::Map(projection) => {
+        View::Map(projection) => {
             let surface = Mapped::new(scene, request, &projection);
             surface::draw_while(&surface, scene, request, &projection, is_wanted)
         }
@@ -58,12 +58,12 @@ pub fn draw_trace_while(
 /// Within 5 voxels of the envelope that is the isosurface without the terraces of the envelope's voxels, at most about
 /// a voxel off the raw one.
 pub fn trace_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
-    match request.look(scene) {
-        Look::Parallel(projection) => {
+    match request.view(scene) {
+        View::Parallel(projection) => {
             let surface = Traced::new(scene, request, &projection);
             surface::hits(&surface, scene, request, &projection)
         }
-        Look::Map(projection) => {
+        View::Map(projection) => {
             let surface = Mapped::new(scene, request, &projection);
             surface::hits(&surface, scene, request, &projection)
         }

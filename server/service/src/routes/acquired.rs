@@ -10,7 +10,7 @@ use render::SlicePlane;
 
 use super::render::PNG;
 use super::slices::plane_of;
-use crate::routes::asked::{AcquiredKeys, CasePath, Question};
+use crate::routes::asked::{CasePath, Keys, Question};
 use http::conditional::Format;
 use http::negotiate::media_type;
 use http::problem::AppError;
@@ -40,9 +40,9 @@ pub async fn get_acquired(
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery {
-        asked: AcquiredKeys(asked),
+        asked: Keys(asked),
         values,
-    }: ApiQuery<AcquiredKeys>,
+    }: ApiQuery<Keys<AcquiredQuery>>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;

@@ -94,12 +94,12 @@ impl<Q: Serialize> Question<'_, Q> {
     }
 }
 
-/// The keys of a picture of a surface.
+/// The keys of a picture, a slice, an acquired image or a report.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct PictureKeys(pub PictureRequest);
+pub struct Keys<T>(pub T);
 
-impl Asked for PictureKeys {
+impl Asked for Keys<PictureRequest> {
     type Values = CheckedPicture;
 
     fn checked(&self) -> Result<CheckedPicture, AppError> {
@@ -107,12 +107,7 @@ impl Asked for PictureKeys {
     }
 }
 
-/// The keys of a slice.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct SliceKeys(pub SliceQuery);
-
-impl Asked for SliceKeys {
+impl Asked for Keys<SliceQuery> {
     type Values = CheckedSlice;
 
     fn checked(&self) -> Result<CheckedSlice, AppError> {
@@ -120,12 +115,7 @@ impl Asked for SliceKeys {
     }
 }
 
-/// The keys of an acquired image.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct AcquiredKeys(pub AcquiredQuery);
-
-impl Asked for AcquiredKeys {
+impl Asked for Keys<AcquiredQuery> {
     type Values = CheckedAcquired;
 
     fn checked(&self) -> Result<CheckedAcquired, AppError> {
@@ -133,12 +123,7 @@ impl Asked for AcquiredKeys {
     }
 }
 
-/// The keys of a report.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(transparent)]
-pub struct ReportKeys(pub ReportQuery);
-
-impl Asked for ReportKeys {
+impl Asked for Keys<ReportQuery> {
     type Values = ();
 
     fn checked(&self) -> Result<(), AppError> {

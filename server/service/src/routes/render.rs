@@ -14,7 +14,7 @@ use cases::{Cases, Error};
 use render::RenderBackend;
 
 use super::depth_headers;
-use crate::routes::asked::{CasePath, PictureKeys, Question};
+use crate::routes::asked::{CasePath, Keys, Question};
 use crate::wire;
 use http::conditional::{self, Content, Format};
 use http::negotiate::media_type;
@@ -57,9 +57,9 @@ pub async fn get_render(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery {
-        asked: PictureKeys(asked),
+        asked: Keys(asked),
         values: picture,
-    }: ApiQuery<PictureKeys>,
+    }: ApiQuery<Keys<PictureRequest>>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let media = media_type(&request, &[PNG, POSITIONS])?;

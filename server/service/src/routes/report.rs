@@ -7,7 +7,7 @@ use axum::response::Response;
 use cases::Cases;
 use cases::report::ReportSubject;
 
-use crate::routes::asked::{CasePath, ReportKeys};
+use crate::routes::asked::{CasePath, Keys};
 use access::audited::NamesPatient;
 use http::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
 use http::negotiate::{Coding, media_type};
@@ -38,9 +38,8 @@ pub async fn get_report(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery {
-        asked: ReportKeys(asked),
-        ..
-    }: ApiQuery<ReportKeys>,
+        asked: Keys(asked), ..
+    }: ApiQuery<Keys<ReportQuery>>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let is_pdf = media_type(&request, &[HTML, PDF])? == PDF;

@@ -6,7 +6,7 @@ use axum::response::Response;
 use render::SlicePlane;
 
 use super::render::{PNG, format_with_layers};
-use crate::routes::asked::{CasePath, Question, SliceKeys};
+use crate::routes::asked::{CasePath, Keys, Question};
 use cases::pictures::{SliceKind, SlicePicture, SliceQuery};
 use cases::{Cases, Error};
 use http::conditional::{self, Content};
@@ -43,9 +43,9 @@ pub async fn get_slice(
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery {
-        asked: SliceKeys(asked),
+        asked: Keys(asked),
         values,
-    }: ApiQuery<SliceKeys>,
+    }: ApiQuery<Keys<SliceQuery>>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;

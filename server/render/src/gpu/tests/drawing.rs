@@ -9,7 +9,7 @@ use super::super::{GpuError, GpuJob, GpuSurface};
 use super::support::{Case, LIMITS, parameters, trace, worker};
 use crate::conformance::is_beside_black;
 use crate::{
-    Background, Camera, ColorMap, Facets, Frame, FrameSize, Hemisphere, Light, MapDisc, MapSides,
+    Background, Camera, ColorMap, Facets, Frame, FrameSize, Hemisphere, Look, MapDisc, MapSides,
     NamedView, PixelFormat, RenderParameters, RenderRequest, Window, draw_mesh, draw_splat,
     draw_trace, trace_hits,
 };
@@ -184,7 +184,7 @@ fn by_small_steps(case: &Case, parameters: &RenderParameters) -> Frame {
     let patient_from_frame = projection.patient_from_frame();
     let voxel_from_patient = case.model().field().grid().voxel_from_patient();
     let towards_viewer = projection.towards_viewer_in_patient();
-    let colors = parameters.colormap.table();
+    let colors = parameters.look.colormap.table();
     let mut bytes = Vec::new();
     for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
         let at = |height: f64| {
@@ -218,7 +218,7 @@ fn by_small_steps(case: &Case, parameters: &RenderParameters) -> Frame {
         let stored = scene.volume.sample(position).unwrap();
         let brightness = 255.0 * parameters.window.apply(f64::from(stored));
         let [color, ..] = colors[(brightness + 0.5) as usize];
-        bytes.push((f32::from(color) * parameters.light.on(facing as f32) + 0.5) as u8);
+        bytes.push((f32::from(color) * parameters.look.light_on(facing as f32) + 0.5) as u8);
     }
     Frame::new(parameters.size, PixelFormat::Grey8, bytes)
 }
@@ -278,8 +278,10 @@ fn the_mesh_is_that_of_the_processor() {
             (NamedView::Superior, 11.0, 0.0),
         ] {
             let parameters = RenderParameters {
-                slab_mm,
-                background: Background::Transparent,
+                look: Look {
+                    slab_mm,
+                    ..Background::Transparent.into()
+                },
                 ..parameters(view, depth_mm)
             };
             let shrunk = table.shrink(depth_mm as f32);
@@ -326,6 +328,7 @@ fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
         return;
     };
     let case = lumpy(5);
+    let usual = Look::default();
     let plain = RenderParameters {
         camera: Camera::new([0.3, -0.5, 0.1, 0.8], 1.3, [4.0, -7.0]).unwrap(),
         size: FrameSize::new(150, 101).unwrap(),
@@ -341,30 +344,37 @@ fn every_window_color_light_background_and_slab_is_that_of_the_splat() {
             ..plain
         },
         RenderParameters {
-            light: Light::new(1.0).unwrap(),
-            ..plain
-        },
-        RenderParameters {
-            slab_mm: 2.5,
-            ..plain
-        },
-        RenderParameters {
-            slab_mm: 5.0,
             depth_mm: 4.2,
+            look: Look {
+                slab_mm: 5.0,
+                ..usual
+            },
             ..plain
+        },
+    ];
+    let mut looks = vec![
+        Look {
+            ambient: 1.0,
+            ..usual
+        },
+        Look {
+            slab_mm: 2.5,
+            ..usual
         },
     ];
     // The colours of labels change by leaps, so that intensities which differ by a rounding look unlike.
     let smooth = |colormap: &ColorMap| *colormap != ColorMap::Labels;
     for colormap in ColorMap::ALL.into_iter().filter(smooth) {
         for background in [Background::Black, Background::Transparent] {
-            variants.push(RenderParameters {
+            looks.push(Look {
                 colormap,
                 background,
-                ..plain
+                ..usual
             });
         }
     }
+    let looks = looks.into_iter();
+    variants.extend(looks.map(|look| RenderParameters { look, ..plain }));
     for parameters in variants {
         let job = trace(&case, parameters);
         let apart = share_apart(&splat(&job), &frame(&mut worker, &job));
@@ -379,10 +389,9 @@ fn a_transparent_mesh_has_soft_edges_in_the_colors_of_the_opaque() {
     };
     let case = Case::ball(6);
     let table = case.table(40, 40);
-    let background = Background::Transparent;
     let opaque = mesh(&trace(&case, parameters(NamedView::Left, 3.0)), &table);
     let clear = RenderParameters {
-        background,
+        look: Background::Transparent.into(),
         ..*opaque.request.parameters()
     };
     let clear = GpuJob {

@@ -1,10 +1,7 @@
-//! The shaders are valid, and their twins match. No device is needed.
-
-use std::mem::offset_of;
+//! The shaders are valid, and have the same constants. No device is needed.
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-use super::super::layout::{Paths, Picture};
 use super::super::shaders;
 
 /// The module of a shader, and naga's analysis of it.
@@ -15,25 +12,6 @@ pub(super) fn validated(source: &str) -> (naga::Module, naga::valid::ModuleInfo)
         .validate(&module)
         .unwrap_or_else(|error| panic!("{}", error.emit_to_string(source)));
     (module, info)
-}
-
-/// The names and offsets of a struct's fields, and its size.
-pub(super) fn layout(module: &naga::Module, name: &str) -> (Vec<(String, usize)>, usize) {
-    let (_, found) = module
-        .types
-        .iter()
-        .find(|(_, found)| found.name.as_deref() == Some(name))
-        .unwrap_or_else(|| panic!("no struct {name}"));
-    let naga::TypeInner::Struct { members, span } = &found.inner else {
-        panic!("{name} is no struct");
-    };
-    let fields = members.iter().map(|member| {
-        (
-            member.name.clone().unwrap_or_default(),
-            member.offset as usize,
-        )
-    });
-    (fields.collect(), *span as usize)
 }
 
 #[test]
@@ -61,30 +39,6 @@ fn every_shader_is_valid_and_has_its_entry_points() {
             .collect();
         assert_eq!(found, names);
     }
-}
-
-macro_rules! offsets {
-    ($twin:ty: $($field:ident),+) => {
-        vec![$((stringify!($field).to_owned(), offset_of!($twin, $field))),+]
-    };
-}
-
-#[test]
-fn the_twins_lie_in_memory_as_the_shaders_want_them() {
-    let (module, _) = validated(shaders::SHRINK);
-    let twin = offsets!(Picture:
-        field_from_frame, volume_from_field, field_from_patient, clip_from_patient,
-        volume_size, stored_scale, field_size, stored_offset, towards_viewer, depth_scale,
-        box_low, depth, box_high, voxel_mm, sphere_centre, sphere_radius,
-        size, ambient, color_row, window_black, window_factor, window_offset, slab_count,
-        slab_first, slab_step, clip_reach, clip_piece, smooth_share, window_is_sigmoid, cuts,
-        overlay_from_field, overlay_size, overlay_scale, overlay_offset, overlay_low, overlay_factor,
-        overlay_threshold, overlay_steepness, overlay_opacity, overlay_color_row, overlay_is_diverging,
-        volume_has_gaps, overlay_is_nearest, map_centre, map_units_per_pixel);
-    assert_eq!(layout(&module, "Picture"), (twin, size_of::<Picture>()));
-    let twin = offsets!(Paths:
-        origin_in_patient, step_mm, depth_mm, row_mm, row, vertex_count, first_piece, piece_count);
-    assert_eq!(layout(&module, "Paths"), (twin, size_of::<Paths>()));
 }
 
 #[test]

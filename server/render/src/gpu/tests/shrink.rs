@@ -93,7 +93,7 @@ fn paths(table: &PathTable, depth_mm: f32) -> Paths {
         vertex_count: table.size.vertex_count() as u32,
         first_piece: first,
         piece_count: end - first,
-        _padding: [0; 2],
+        _padding_0: Default::default(),
     }
 }
 

@@ -21,7 +21,7 @@ use http::problem::AppError;
 use http::query::{ApiQuery, NoQuery};
 use http::sent::MAX_BODY_BYTES;
 
-pub use self::plan::{RendersBody, Sweep, Swivel};
+pub use self::plan::RendersBody;
 
 const ZIP: &str = "application/zip";
 

@@ -1,7 +1,7 @@
 //! The request for many pictures.
 
 use cases::Error;
-use cases::pictures::{self, Frames, Part, PicturePlan, PictureRequest, PlanError};
+use cases::pictures::{Part, PicturePlan, PictureRequest, Sweep, Swivel};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -29,53 +29,6 @@ pub struct RendersBody {
     swivel: Option<Swivel>,
     /// A sweep from one depth to another, as animated PNG.
     sweep: Option<Sweep>,
-}
-
-/// A full turn.
-#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Swivel {
-    /// Number of pictures.
-    #[schema(minimum = 2, maximum = 256)]
-    frames: u32,
-    /// The time of each picture, in ms.
-    #[serde(default = "default_delay")]
-    #[schema(minimum = 10, maximum = 10000, default = 80)]
-    delay_ms: u16,
-    /// The picture to turn.
-    render: PictureRequest,
-}
-
-/// A sweep through the depths.
-#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Sweep {
-    /// The first depth, in mm.
-    #[schema(minimum = 0)]
-    from_mm: f32,
-    /// The last depth, in mm.
-    #[schema(minimum = 0)]
-    to_mm: f32,
-    /// Number of pictures, including the first and the last.
-    #[schema(minimum = 2, maximum = 256)]
-    frames: u32,
-    /// The time of each picture, in ms.
-    #[serde(default = "default_delay")]
-    #[schema(minimum = 10, maximum = 10000, default = 80)]
-    delay_ms: u16,
-    /// Whether to append the way back; neither end is shown twice.
-    #[serde(default)]
-    there_and_back: bool,
-    /// Whether intensities are averaged near the envelope unless `slab_mm` is given: over 1 mm of depth down to a depth
-    /// of 1 mm, and over less down to 2 mm. Layers thinner than two voxels show as rings there.
-    #[serde(default)]
-    average_shallow: bool,
-    /// The picture, without a depth.
-    render: PictureRequest,
-}
-
-fn default_delay() -> u16 {
-    80
 }
 
 /// Reads a body.
@@ -113,8 +66,8 @@ impl RendersBody {
                     false => PicturePlan::list(&pictures),
                 },
             ),
-            (None, Some(swivel), None) if !self.sheet => ("swivel", swivel.plan()),
-            (None, None, Some(sweep)) if !self.sheet => ("sweep", sweep.plan()),
+            (None, Some(swivel), None) if !self.sheet => ("swivel", PicturePlan::turn(&swivel)),
+            (None, None, Some(sweep)) if !self.sheet => ("sweep", PicturePlan::sweep(&sweep)),
             (None, ..) if self.sheet => {
                 return Err(out_of_range("sheet", "is only accepted with `renders`"));
             }
@@ -151,29 +104,4 @@ fn path_of(path: &str, part: Part) -> String {
         Part::Pixels => return ".".to_owned(),
     };
     format!("{path}.{key}")
-}
-
-impl Swivel {
-    fn plan(&self) -> Result<PicturePlan, PlanError> {
-        let frames = Frames {
-            count: self.frames,
-            time_ms: self.delay_ms,
-        };
-        PicturePlan::turn(&self.render, frames)
-    }
-}
-
-impl Sweep {
-    fn plan(&self) -> Result<PicturePlan, PlanError> {
-        let sweep = pictures::Sweep {
-            depths_mm: [self.from_mm, self.to_mm],
-            frames: Frames {
-                count: self.frames,
-                time_ms: self.delay_ms,
-            },
-            there_and_back: self.there_and_back,
-            average_shallow: self.average_shallow,
-        };
-        PicturePlan::sweep(&self.render, sweep)
-    }
 }
