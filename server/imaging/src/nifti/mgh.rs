@@ -45,8 +45,8 @@ pub(super) fn as_nifti(bytes: &[u8]) -> Result<Vec<u8>, ImagingError> {
     put(12, &i16::to_be_bytes(code));
     put(14, &i16::to_be_bytes(bits));
     put(16, &4i64.to_be_bytes());
-    for axis in 0..4 {
-        put(24 + 8 * axis, &sides[axis].to_be_bytes());
+    for (axis, side) in sides.iter().enumerate() {
+        put(24 + 8 * axis, &side.to_be_bytes());
     }
     put(348, &1i32.to_be_bytes());
     put(500, &2i32.to_be_bytes());
