@@ -143,7 +143,7 @@ pub struct Runner {
 }
 
 impl Runner {
-    /// Starts lanes on the current runtime. A lane does one job at a time, and prefers the kinds that come first.
+    /// Starts lanes on the current runtime. A lane does one job at a time, of its kinds in turn.
     pub fn start(store: &Store, lanes: Vec<Vec<Arc<dyn Work>>>) -> Self {
         let phase = watch::Sender::new(Phase::Working);
         let mut tasks = JoinSet::new();
@@ -229,12 +229,15 @@ impl Lane {
         }
     }
 
-    async fn claim(&self) -> Result<Option<(Arc<dyn Work>, Claim)>, StoreError> {
-        for work in &self.works {
+    /// A job of the first kind that has one; this kind is the last to be asked next time.
+    async fn claim(&mut self) -> Result<Option<(Arc<dyn Work>, Claim)>, StoreError> {
+        for place in 0..self.works.len() {
+            let work = Arc::clone(&self.works[place]);
             work.look(&self.store).await?;
             let claim = self.store.claim(work.kind(), work.terms().max_attempts);
             if let Some(claim) = claim.await? {
-                return Ok(Some((Arc::clone(work), claim)));
+                self.works.rotate_left(place + 1);
+                return Ok(Some((work, claim)));
             }
         }
         Ok(None)
@@ -435,7 +438,7 @@ impl Lane {
 #[cfg(any(test, feature = "testing"))]
 pub async fn once(store: &Store, work: Arc<dyn Work>) -> bool {
     let phase = watch::Sender::new(Phase::Working);
-    let lane = Lane {
+    let mut lane = Lane {
         store: store.clone(),
         works: vec![work],
         phase: phase.subscribe(),
@@ -489,6 +492,7 @@ mod tests {
     use super::*;
 
     const KIND: JobKind = JobKind::new("stub", "work");
+    const OTHER: JobKind = JobKind::new("other-stub", "work");
 
     const TERMS: Terms = Terms {
         max_attempts: 3,
@@ -517,16 +521,16 @@ mod tests {
         Failure::new(FailureKind::Internal, name, "a detail")
     }
 
-    struct Shared(Arc<Stub>);
+    struct Shared(JobKind, Arc<Stub>);
 
     #[async_trait]
     impl Work for Shared {
         fn kind(&self) -> JobKind {
-            KIND
+            self.0
         }
 
         fn terms(&self) -> Terms {
-            self.0.terms
+            self.1.terms
         }
 
         async fn run(&self, job: &Running) -> Result<End, Failed> {
@@ -535,7 +539,7 @@ mod tests {
                 "never" => Err(Failed::Forever(failure("never"))),
                 "panic" => panic!("a fault of the program, on purpose"),
                 "thread" => {
-                    let (stub, report) = (Arc::clone(&self.0), job.reporter());
+                    let (stub, report) = (Arc::clone(&self.1), job.reporter());
                     let cancelled = job.is_cancelled();
                     let on_a_thread = tokio::task::spawn_blocking(move || {
                         let now = stub.at_work.fetch_add(1, Ordering::SeqCst) + 1;
@@ -561,9 +565,13 @@ mod tests {
     }
 
     async fn queue(store: &Store, payload: &str) -> String {
+        queue_of(KIND, store, payload).await
+    }
+
+    async fn queue_of(kind: JobKind, store: &Store, payload: &str) -> String {
         let new = NewJob {
             payload: payload.to_owned(),
-            ..NewJob::new(KIND, new_id())
+            ..NewJob::new(kind, new_id())
         };
         store.enqueue(&new).await.unwrap().unwrap().id
     }
@@ -576,7 +584,26 @@ mod tests {
     }
 
     fn work(stub: &Arc<Stub>) -> Arc<dyn Work> {
-        Arc::new(Shared(Arc::clone(stub)))
+        Arc::new(Shared(KIND, Arc::clone(stub)))
+    }
+
+    #[tokio::test]
+    async fn a_lane_takes_its_kinds_in_turn() {
+        let (store, stub) = (a_store().await, Stub::on(TERMS));
+        for _ in 0..3 {
+            queue(&store, "").await;
+        }
+        queue_of(OTHER, &store, "").await;
+        let mut lane = Lane {
+            store: store.clone(),
+            works: vec![work(&stub), Arc::new(Shared(OTHER, stub))],
+            phase: watch::Sender::new(Phase::Working).subscribe(),
+        };
+        let mut kinds = Vec::new();
+        while let Some((_, claim)) = lane.claim().await.unwrap() {
+            kinds.push(claim.kind.name());
+        }
+        assert_eq!(kinds, ["stub", "other-stub", "stub", "stub"]);
     }
 
     #[test]

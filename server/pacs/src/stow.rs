@@ -49,6 +49,9 @@ const ANOTHER_STUDY: Refusal = Refusal::new(
 /// What is said of an object that is acknowledged and not kept.
 const IGNORED: &str = "it is not an MR or CT image, and nothing of it is kept";
 
+/// What is said of a rejection note.
+const NOTED: &str = "the images that it names are rejected; it is not kept itself";
+
 /// Store images
 ///
 /// Images are durable when they are acknowledged. Once nothing has come for a series for a while, it becomes a case, or
@@ -369,7 +372,8 @@ impl Report {
         self.ignored += 1;
         self.stored(identity, warning);
         if let Some(item) = self.stored.last_mut() {
-            item["00000902"] = element("LO", error_comment(IGNORED));
+            let said = identity.rejection.as_ref().map_or(IGNORED, |_| NOTED);
+            item["00000902"] = element("LO", error_comment(said));
         }
     }
 
