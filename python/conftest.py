@@ -1,0 +1,44 @@
+"""What the tests and the examples in the docstrings share: the program, a phantom and its case.
+
+The program is ISOCORTEX_BINARY, otherwise the debug build of this checkout.
+"""
+
+import os
+import warnings
+from pathlib import Path
+
+import phantom
+import pytest
+
+import isocortex as iso
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = os.environ.setdefault("ISOCORTEX_BINARY", str(ROOT / "target/debug/isocortex"))
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """A folder with `head.nii.gz` and `brain.nii.gz`."""
+    folder = tmp_path_factory.mktemp("phantom")
+    phantom.write_phantom(folder)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _in_folder(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+@pytest.fixture(scope="session")
+def case(folder):
+    with warnings.catch_warnings():
+        # The outline of the phantom is doubtful.
+        warnings.simplefilter("ignore")
+        return iso.open(folder / "head.nii.gz", mask=folder / "brain.nii.gz")
+
+
+@pytest.fixture(autouse=True)
+def _names(doctest_namespace, request):
+    doctest_namespace["iso"] = iso
+    if "DoctestItem" in type(request.node).__name__:
+        doctest_namespace["case"] = request.getfixturevalue("case")
