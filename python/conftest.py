@@ -4,7 +4,6 @@ The program is ISOCORTEX_BINARY, otherwise the debug build of this checkout.
 """
 
 import os
-import warnings
 from pathlib import Path
 
 import phantom
@@ -31,10 +30,7 @@ def _in_folder(folder, monkeypatch):
 
 @pytest.fixture(scope="session")
 def case(folder):
-    with warnings.catch_warnings():
-        # The outline of the phantom is doubtful.
-        warnings.simplefilter("ignore")
-        return iso.open(folder / "head.nii.gz", mask=folder / "brain.nii.gz")
+    return iso.open(folder / "head.nii.gz", mask=folder / "brain.nii.gz")
 
 
 @pytest.fixture(autouse=True)

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 import warnings
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Mapping
 
@@ -54,13 +55,15 @@ class Connection:
 
     def _new_client(self) -> httpx.Client:
         is_near = httpx.URL(self.address).host in LOOPBACK
-        return httpx.Client(
+        client = httpx.Client(
             base_url=self.address,
             headers={"Authorization": f"Bearer {self.token}"} if self.token else {},
             timeout=httpx.Timeout(PATIENCE_S, connect=10),
             # A proxy in the environment is not for this machine.
             trust_env=not is_near,
         )
+        weakref.finalize(self, _close, client, os.getpid())
+        return client
 
     def send(self, method: str, path: str, **more: Any) -> httpx.Response:
         """One request; an error is raised in words."""
@@ -100,6 +103,12 @@ class Connection:
     @property
     def is_open(self) -> bool:
         return not self._client.is_closed and (self._program is None or self._program.end.alive)
+
+
+def _close(client: httpx.Client, pid: int) -> None:
+    """Closes a client, but not in a process that was forked since: it would end the connections of the first one."""
+    if os.getpid() == pid:
+        client.close()
 
 
 def _error_of(response: httpx.Response) -> IsocortexError:

@@ -130,7 +130,7 @@ def open(
 
     >>> case = iso.open("head.nii.gz", mask="brain.nii.gz", name="subject 1")
     >>> case
-    <Case eb481456 'subject 1': 92×108×92 voxels of 2×2×2 mm, 0 to 61.6 mm deep, mask review>
+    <Case ... 'subject 1': 92×108×92 voxels of 2×2×2 mm, 0 to 61.6 mm deep, mask review>
     """
     if isinstance(server, str):
         server = Server(server, token)

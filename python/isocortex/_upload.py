@@ -34,10 +34,13 @@ def upload(
 @contextlib.contextmanager
 def opened(volume: Image) -> Iterator[IO[bytes]]:
     """The bytes of a volume: of a file, of a folder of DICOM files as a zip, or of a nibabel image as NIfTI."""
-    if not isinstance(volume, (str, os.PathLike)):
+    if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
         image = nibabel("a nibabel image").Nifti1Image.from_image(volume)
         yield io.BytesIO(image.to_bytes())
-    elif os.path.isdir(volume):
+        return
+    if not isinstance(volume, (str, os.PathLike)):
+        raise TypeError(f"a volume is a path or a nibabel image, not {type(volume).__name__}")
+    if os.path.isdir(volume):
         with tempfile.TemporaryFile() as packed:
             with zipfile.ZipFile(packed, "w") as folder:
                 files = sorted(path for path in Path(volume).rglob("*") if path.is_file())

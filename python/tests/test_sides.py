@@ -37,7 +37,7 @@ def test_slices_show_the_ball_at_its_coordinates(case):
     assert not bright(case.slice("sagittal", RIGHT_MM[0], window=(1000, 100))).any()
     # The patient's right is on the left.
     for plane in ("coronal", "axial"):
-        columns = np.nonzero(bright(case.slice(plane, LEFT_MM[plane == "coronal" and 1 or 2], window=(1000, 100))))[1]
+        columns = np.nonzero(bright(case.slice(plane, LEFT_MM[(plane == "coronal" and 1) or 2], window=(1000, 100))))[1]
         assert columns.min() > 256
 
 
