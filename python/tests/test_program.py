@@ -198,5 +198,6 @@ def test_a_missing_program_is_named(monkeypatch):
         iso.start()
     monkeypatch.delenv("ISOCORTEX_BINARY")
     monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setattr("isocortex._program._installed_program", lambda: None)
     with pytest.raises(iso.IsocortexError, match="install the wheel of this system"):
         iso.start()
