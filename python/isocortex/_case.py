@@ -47,6 +47,13 @@ class Mesh(NamedTuple):
     faces: NDArray[np.int32]
     """Numbers of vertices, (triangles, 3), counter-clockwise seen from outside."""
 
+    def finite(self) -> Mesh:
+        """The mesh without vertices of unknown depth, which nilearn and other programs do not accept."""
+        known = ~np.isnan(self.coordinates[:, 0])
+        whole = self.faces[np.all(known[self.faces], axis=1)]
+        numbers = np.cumsum(known, dtype=np.int32) - 1
+        return Mesh(self.coordinates[known], numbers[whole])
+
     def __repr__(self) -> str:
         return f"<Mesh of {len(self.coordinates)} vertices and {len(self.faces)} triangles, RAS mm>"
 
@@ -82,8 +89,9 @@ class Surface:
         """The surface at a depth, as a mesh with a vertex for each point of the envelope.
 
         It has `contours * points + 2` vertices and the same triangles at every depth, so that vertex `n` of one depth
-        belongs to vertex `n` of another. A vertex is NaN if its depth is unknown: a face of the volume, or the border
-        of a part of the brain, is nearer than the dura. Deep meshes fold; :meth:`isosurface` does not.
+        belongs to vertex `n` of another. A vertex is NaN if its depth is unknown: a face of the volume that cuts the
+        brain, or the border of a part of the brain, is nearer than the dura; :meth:`Mesh.finite` leaves these out.
+        Deep meshes fold; :meth:`isosurface` does not.
 
         paths: along which vertices move: `"forest"`, as in the paper, or `"flow"`, the gradient of the depth, which
             keeps them near to where they began.
@@ -215,6 +223,8 @@ class Case(Surface):
         super().__init__(connection, id, "whole", facts)
         if self.quality != "ok":
             warn(f"look at the brain mask ({self.quality}): {'; '.join(self.quality_reasons)}")
+        if "closed" in facts:
+            warn(f"this case is closed, because its images were {facts['closed']}: open what replaces it")
 
     @property
     def name(self) -> str | None:

@@ -50,7 +50,7 @@ class Connection:
         self.token = token
         self._client = self._new_client()
         self._pid = os.getpid()
-        # The program that Python has started lives as long as the last one that refers to it.
+        # The program that Python has started ends when nothing refers to it.
         self._program = program
 
     def _new_client(self) -> httpx.Client:
@@ -100,9 +100,13 @@ class Connection:
         if self._program is not None:
             self._program.end()
 
-    @property
-    def is_open(self) -> bool:
-        return not self._client.is_closed and (self._program is None or self._program.end.alive)
+    def is_answered(self) -> bool:
+        """Whether the server is there."""
+        try:
+            self.send("GET", "/healthz")
+        except IsocortexError:
+            return False
+        return True
 
 
 def _close(client: httpx.Client, pid: int) -> None:
@@ -163,12 +167,8 @@ class Bar:
     def show(self, fraction: float, what: str) -> None:
         if self._is_shown:
             done = round(fraction * self.WIDTH)
-            print(
-                f"\r[{'#' * done}{'.' * (self.WIDTH - done)}] {fraction:4.0%} {what:<12}",
-                end="",
-                file=sys.stderr,
-                flush=True,
-            )
+            bar = "#" * done + "." * (self.WIDTH - done)
+            print(f"\r[{bar}] {fraction:4.0%} {what:<12}", end="", file=sys.stderr, flush=True)
 
     def __enter__(self) -> Bar:
         return self

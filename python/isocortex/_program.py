@@ -42,7 +42,9 @@ def _installed_program() -> str | None:
         files = importlib.metadata.files("isocortex") or []
     except importlib.metadata.PackageNotFoundError:
         return None
-    programs = [str(Path(file.locate()).resolve()) for file in files if file.name == "isocortex" and file.parent.name == "bin"]
+    programs = [
+        str(Path(file.locate()).resolve()) for file in files if file.name == "isocortex" and file.parent.name == "bin"
+    ]
     return programs[0] if programs and os.access(programs[0], os.X_OK) else None
 
 

@@ -87,7 +87,7 @@ class Server:
         self.close()
 
     def __repr__(self) -> str:
-        return f"<Server at {self.address}{'' if self._connection.is_open else ', closed'}>"
+        return f"<Server at {self.address}>"
 
 
 def start(data: str | os.PathLike[str] | None = None) -> Server:
@@ -141,6 +141,6 @@ def open(
 
 def _own_server() -> Server:
     global _own
-    if _own is None or not _own._connection.is_open:
+    if _own is None or not _own._connection.is_answered():
         _own = start()
     return _own

@@ -14,7 +14,7 @@ import subprocess
 import sys
 
 PR_SET_PDEATHSIG = 1
-PATIENCE_S = 10
+PATIENCE_S = 5
 
 
 def end_with_parent() -> None:

@@ -143,3 +143,13 @@ def test_a_progress_bar_is_drawn_in_a_terminal(case, monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     iso.open("head.nii.gz", mask="brain.nii.gz")
     assert capsys.readouterr().err.endswith(f"[{'#' * 30}] 100% ready       \n")
+
+
+def test_a_mesh_without_its_unknown_vertices_is_the_rest_of_it(case):
+    mesh = case.surface("left").mesh(5.0)
+    finite = mesh.finite()
+    unknown = np.isnan(mesh.coordinates).any(axis=1)
+    assert 0 < unknown.sum() == len(mesh.coordinates) - len(finite.coordinates)
+    kept = mesh.faces[~unknown[mesh.faces].any(axis=1)]
+    np.testing.assert_array_equal(finite.coordinates[finite.faces], mesh.coordinates[kept])
+    assert case.mesh(5.0).finite().faces.shape == (20000, 3)

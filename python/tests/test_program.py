@@ -161,13 +161,26 @@ def test_a_folder_of_ones_own_keeps_its_cases(tmp_path, case):
         assert repr(server) == f"<Server at {server.address}>"
         with pytest.warns(UserWarning, match="look at the brain mask"):
             first = server.open("head.nii.gz", mask="brain.nii.gz", name="kept")
-    assert repr(server).endswith("closed>")
     with pytest.raises(iso.IsocortexError, match="was closed; open the head again"):
         first.mesh(1.0)
     with iso.start(tmp_path / "store") as server:
         assert [(one["id"], one["name"]) for one in server.cases()] == [(case.id, "kept")]
         server.case(case.id).delete()
         assert server.cases() == []
+
+
+@needs_proc
+def test_the_next_head_starts_the_program_again_if_it_has_crashed(monkeypatch):
+    monkeypatch.setattr("isocortex._server._own", None)
+    before = descendants(os.getpid())
+    first = iso.open("head.nii.gz", mask="brain.nii.gz")
+    [crashed] = [pid for pid, words in descendants(os.getpid()).items() if pid not in before and words[1] == b"serve"]
+    os.kill(crashed, signal.SIGKILL)
+    await_end([crashed])
+    with pytest.raises(iso.IsocortexError, match="open the head again"):
+        first.mesh(5.0)
+    second = iso.open("head.nii.gz", mask="brain.nii.gz")
+    assert second.id == first.id and second._connection.address != first._connection.address
 
 
 def test_a_folder_that_cannot_be_used_is_an_error_with_the_words_of_the_program(folder):
