@@ -76,7 +76,7 @@ class Program:
                 env={name: os.environ[name] for name in kept},
                 start_new_session=True,
             )
-        self.end = weakref.finalize(self, _end, watcher, os.getpid())
+        self.end = weakref.finalize(self, _end, watcher, folder, os.getpid())
         try:
             self.address = _address_of(watcher, folder / "log")
         except BaseException:
@@ -94,7 +94,7 @@ def _address_of(watcher: subprocess.Popen[bytes], log: Path) -> str:
     raise IsocortexError(f"the program did not start: {said[-1] if said else 'it gave no reason'}")
 
 
-def _end(watcher: subprocess.Popen[bytes], pid: int) -> None:
+def _end(watcher: subprocess.Popen[bytes], folder: Path, pid: int) -> None:
     if os.getpid() != pid:
         return
     assert watcher.stdin is not None and watcher.stdout is not None
@@ -104,3 +104,5 @@ def _end(watcher: subprocess.Popen[bytes], pid: int) -> None:
     with contextlib.suppress(subprocess.TimeoutExpired):
         watcher.wait(PATIENCE_S)
     watcher.stdout.close()
+    # It is left if the program could not be started.
+    shutil.rmtree(folder, ignore_errors=True)

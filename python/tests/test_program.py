@@ -205,6 +205,17 @@ def test_a_forked_process_gets_answers_of_its_own_and_leaves_the_program_running
     assert case.picture(5.0).size == (512, 512)
 
 
+def test_a_file_that_is_no_program_is_an_error_and_leaves_nothing(monkeypatch, tmp_path):
+    program = tmp_path / "isocortex"
+    program.write_bytes(b"\x7fELF of another machine")
+    program.chmod(0o755)
+    monkeypatch.setenv("ISOCORTEX_BINARY", str(program))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(iso.IsocortexError, match=r"the program did not start: .*Exec format error"):
+        iso.start()
+    assert list(tmp_path.iterdir()) == [program]
+
+
 def test_a_missing_program_is_named(monkeypatch):
     monkeypatch.setenv("ISOCORTEX_BINARY", "/nowhere/isocortex")
     with pytest.raises(iso.IsocortexError, match="ISOCORTEX_BINARY is /nowhere/isocortex, which is not a program"):
