@@ -12,7 +12,9 @@ import pytest
 import isocortex as iso
 
 ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = os.environ.setdefault("ISOCORTEX_BINARY", str(ROOT / "target/debug/isocortex"))
+os.environ["ISOCORTEX_BINARY"] = str(
+    Path(os.environ.get("ISOCORTEX_BINARY", ROOT / "target/debug/isocortex")).resolve()
+)
 
 
 @pytest.fixture(scope="session")

@@ -86,7 +86,7 @@ prepared_demo() {
 }
 
 python_lints() (cd python && "$python" -m ruff check --quiet && "$python" -m ruff format --quiet --check && "$python" -m mypy)
-python_tests() (cd python && ISOCORTEX_BINARY=$(target_dir)/debug/isocortex "$python" -m pytest --quiet)
+python_tests() { ISOCORTEX_BINARY=$(target_dir)/debug/isocortex "$python" -m pytest --quiet --config-file python/pyproject.toml python; }
 
 page_tests() { npm test --silent --prefix web; }
 browser_tests() {

@@ -69,6 +69,14 @@ def test_a_nibabel_image_of_any_format_is_a_head(case, folder):
     np.testing.assert_allclose(other.mesh(5.0).coordinates, case.mesh(5.0).coordinates, atol=1e-3)
 
 
+def test_a_server_is_used_by_its_address_and_outlives_the_connection(case):
+    address, token = case._connection.address, case._connection.token
+    with iso.Server(address, token) as server:
+        assert case.id in [one["id"] for one in server.cases()]
+        assert iso.open("head.nii.gz", mask="brain.nii.gz", server=server).id == case.id
+    assert iso.open("head.nii.gz", mask="brain.nii.gz", server=address, token=token).mesh(3.0).faces.shape == (20000, 3)
+
+
 def test_the_profile_has_numbers_only(case):
     profile = case.profile((38, 20, 30))
     assert profile.drop(columns="point").dtypes.eq(float).all()

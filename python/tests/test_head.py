@@ -9,7 +9,7 @@ import pytest
 
 import isocortex as iso
 
-DATA = Path(os.environ.get("ISOCORTEX_TEST_DATA", Path(__file__).parents[3] / "shared/data")) / "colin27"
+DATA = Path(os.environ.get("ISOCORTEX_TEST_DATA", Path(__file__).parents[3] / "shared/data")).resolve() / "colin27"
 
 pytestmark = pytest.mark.skipif(
     not DATA.is_dir(), reason="the real head is missing; set ISOCORTEX_TEST_DATA to its folder"
