@@ -191,12 +191,17 @@ class Surface:
                 place = ", ".join(f"{number:g}" for number in position_mm)
                 raise ValueError(f"({place}) is outside the brain: name a point in it, in scanner RAS mm") from None
             raise
-        layers = [layer["name"] for layer in answer.get("layers", [])]
+        layers = answer.get("layers", [])
         rows = []
         for point in ("own", "mirrored"):
             for sample in (answer.get(point) or {"samples": []})["samples"]:
                 position, values = sample.pop("position_in_patient"), sample.pop("layers", [])
-                rows.append({"point": point, **_xyz(position), **sample, **dict(zip(layers, values))})
+                row = {"point": point, **_xyz(position), **sample}
+                for layer, value in zip(layers, values):
+                    # Of labels, the interface states which of the list it is, from 1.
+                    is_label = value and layer.get("labels")
+                    row.setdefault(layer["name"], layer["labels"][int(value) - 1]["value"] if is_label else value)
+                rows.append(row)
         table = pandas("case.profile()").DataFrame(rows)
         numbers = table.columns.drop("point")
         table[numbers] = table[numbers].astype(float)
