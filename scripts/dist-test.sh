@@ -110,7 +110,12 @@ image() {
 [ "$(id -u)" = 0 ] || [ "${1-}" = image ] || die "systemd-nspawn and namespaces of the network need root"
 case ${1-} in
   archive) walk archive "$(one '*.tar.gz')" ;;
-  wheel) PYTHON=${PYTHON:-$(oldest_python)} walk wheel "$(one '*.whl')" ;;
+  wheel)
+    export PYTHON=${PYTHON:-$(oldest_python)} WHEELS=$work/wheels
+    "$PYTHON" -m venv --clear "$work/fetch"
+    "$work/fetch/bin/pip" download --quiet --disable-pip-version-check --only-binary :all: --dest "$WHEELS" "$(one '*.whl')"
+    walk wheel "$(one '*.whl')"
+    ;;
   image) image ;;
   bookworm | trixie) booted "$1" "$(one '*.deb')" "$(one '*.tar.gz')" ;;
   *)

@@ -73,10 +73,22 @@ case $kind in
     ;;
   wheel)
     "${PYTHON:-python3}" -m venv environment
-    environment/bin/pip install --quiet --no-index --disable-pip-version-check "$file"
+    # What the wheel needs lies there, for lack of a network.
+    install=(environment/bin/pip install --quiet --no-index --find-links "$WHEELS" --disable-pip-version-check)
+    "${install[@]}" "$file"
     step "installed by $(environment/bin/python --version)"
     demo environment/bin/isocortex first
-    environment/bin/pip install --quiet --no-index --disable-pip-version-check --force-reinstall "$file"
+    environment/bin/python - "$out/python.png" <<'E1'
+import sys
+from pathlib import Path
+
+import isocortex as iso
+
+case = iso.open(Path(sys.prefix, "share/isocortex/ch2.nii.gz"))
+Path(sys.argv[1]).write_bytes(case.png(12.0, view="left"))
+E1
+    step "picture: python"
+    "${install[@]}" --force-reinstall "$file"
     demo environment/bin/isocortex upgraded
     environment/bin/pip uninstall --quiet --yes isocortex
     [ -z "$(find environment -name '*isocortex*' -print -quit)" ] || fail "files are left"

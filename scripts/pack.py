@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Packs a tree that dist.sh has laid out as an archive and as a wheel:  scripts/pack.py ROOT FOLDER VERSION TARGET
 
-The wheel installs the tree into the prefix of its environment: `bin/isocortex`, and beside it `share/`. The same tree gives the same bytes.
+The wheel installs the tree into the prefix of its environment: `bin/isocortex`, and beside it `share/`; and the Python package of
+`python/`. The same tree gives the same bytes.
 """
 
 import base64
@@ -12,6 +13,7 @@ import os
 import sys
 import tarfile
 import time
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -21,25 +23,36 @@ PLATFORMS = {
     "aarch64-unknown-linux-gnu": "manylinux_2_28_aarch64",
     "aarch64-apple-darwin": "macosx_11_0_arm64",
 }
-METADATA = """\
-Metadata-Version: 2.4
-Name: isocortex
-Version: {version}
-Summary: The cortex of the brain as curved cuts at any depth below the dura, from an MR volume
-Keywords: neuroimaging,MRI,cortex,epilepsy,DICOM,NIfTI
-License-Expression: MIT OR Apache-2.0
-License-File: LICENSE-MIT
-License-File: LICENSE-APACHE
-License-File: NOTICE
-Requires-Python: >=3.8
-Classifier: Topic :: Scientific/Engineering :: Medical Science Apps.
-Description-Content-Type: text/markdown
-
-Isocortex shows the cerebral cortex as curved cuts at any depth below the dura, in the browser, over HTTP or as PNG.
+DESCRIPTION = """\
+Isocortex shows the cerebral cortex as curved cuts at any depth below the dura, in the browser, over HTTP, as PNG or in Python.
 `isocortex demo` prepares a sample head and prints the address to open; it needs no network. `isocortex help` lists all commands.
+
+```python
+import isocortex as iso
+
+case = iso.open("head.nii.gz")
+coordinates, faces = case.mesh(8.0)
+case.picture(8.0, view="left")
+```
 
 **For research use only. Not for diagnosis.**
 """
+PYTHON = Path(__file__).parent.parent / "python"
+LICENCES = ("LICENSE-MIT", "LICENSE-APACHE", "NOTICE")
+
+
+def metadata(version):
+    """What `python/pyproject.toml` states about the package, in the words of the core metadata."""
+    project = tomllib.loads((PYTHON / "pyproject.toml").read_text())["project"]
+    lines = ["Metadata-Version: 2.4", f"Name: {project['name']}", f"Version: {version}", f"Summary: {project['description']}"]
+    lines += [f"Keywords: {','.join(project['keywords'])}", f"License-Expression: {project['license']}"]
+    lines += [f"License-File: {name}" for name in LICENCES]
+    lines += [f"Requires-Python: {project['requires-python']}"]
+    lines += [f"Classifier: {classifier}" for classifier in project["classifiers"]]
+    lines += [f"Requires-Dist: {needed}" for needed in project["dependencies"]]
+    for extra, packages in project["optional-dependencies"].items():
+        lines += [f"Provides-Extra: {extra}", *(f'Requires-Dist: {needed}; extra == "{extra}"' for needed in packages)]
+    return "\n".join([*lines, "Description-Content-Type: text/markdown", "", DESCRIPTION])
 
 
 def files_of(root):
@@ -71,9 +84,11 @@ def wheel(root, version, platform):
         (f"{data}/scripts/{path.name}" if inside.parts[0] == "bin" else f"{data}/data/{inside}", path.read_bytes(), mode_of(path))
         for path, inside in files_of(root)
     ]
-    for name in ("LICENSE-MIT", "LICENSE-APACHE", "NOTICE"):
+    package = PYTHON / "isocortex"
+    contents += [(f"isocortex/{path.name}", path.read_bytes(), 0o644) for path in sorted([*package.glob("*.py"), package / "py.typed"])]
+    for name in LICENCES:
         contents.append((f"{info}/licenses/{name}", (licences / name).read_bytes(), 0o644))
-    contents.append((f"{info}/METADATA", METADATA.format(version=version).encode(), 0o644))
+    contents.append((f"{info}/METADATA", metadata(version).encode(), 0o644))
     contents.append((f"{info}/WHEEL", tags.encode(), 0o644))
     digests = [(name, base64.urlsafe_b64encode(hashlib.sha256(bytes).digest()).rstrip(b"=").decode(), len(bytes)) for name, bytes, _ in contents]
     record = "".join(f"{name},sha256={digest},{size}\n" for name, digest, size in digests) + f"{info}/RECORD,,\n"

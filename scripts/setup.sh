@@ -100,6 +100,12 @@ deployment() {
     say "the tests of the files for Docker and Kubernetes need kubernetes-validate, which is missing; without it these tests are skipped."
 }
 
+# What lints and tests the Python package.
+python_package() {
+  scripts/python.sh >/dev/null ||
+    say "the tests of the Python package need packages that are missing; without them these tests are skipped (on CI they fail)."
+}
+
 # The weights of the network that extracts brains.
 network() {
   scripts/network.sh >/dev/null ||
@@ -113,7 +119,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; network ;;
-  all) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; python_package; network ;;
+  all) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; python_package; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

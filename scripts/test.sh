@@ -38,7 +38,7 @@ skip() {
   skipped+=("$1")
 }
 
-# Adds the number of tests that the last step reports as passed (cargo test, nextest and node print it differently).
+# Adds the number of tests that the last step reports as passed (cargo test, nextest, node and pytest print it differently).
 count_tests() {
   local number
   while read -r number; do
@@ -46,7 +46,8 @@ count_tests() {
   done < <(sed 's/\x1b\[[0-9;]*m//g' "$log" | sed -nE \
     -e 's/^test result: .* ([0-9]+) passed;.*/\1/p' \
     -e 's/^ *Summary .* ([0-9]+) passed.*/\1/p' \
-    -e 's/^[#ℹ] pass ([0-9]+)$/\1/p')
+    -e 's/^[#ℹ] pass ([0-9]+)$/\1/p' \
+    -e 's/^([0-9]+ failed, )?([0-9]+) passed.* in [0-9].*/\2/p')
 }
 
 # rust_tests TARGETS...: uses nextest if it is installed.
@@ -83,6 +84,9 @@ prepared_demo() {
   rm -rf "$ISOCORTEX_PREPARED_DEMO"
   node web/build/browser/prepare.mjs "$ISOCORTEX_PREPARED_DEMO"
 }
+
+python_lints() (cd python && "$python" -m ruff check --quiet && "$python" -m ruff format --quiet --check && "$python" -m mypy)
+python_tests() { ISOCORTEX_BINARY=$(target_dir)/debug/isocortex "$python" -m pytest --quiet --config-file python/pyproject.toml python; }
 
 page_tests() { npm test --silent --prefix web; }
 browser_tests() {
@@ -148,6 +152,12 @@ elif ! { have python3 && python3 -c 'import tomllib' 2>/dev/null; }; then
 else
   step advisories scripts/advisories.py "$advisories"
 fi
+python=$(ISOCORTEX_NO_INSTALL=1 scripts/python.sh) || true
+if [ "${CI:-}" = true ] || [ -n "$python" ]; then
+  step "Python package's lints" python_lints
+else
+  skip "Python package's lints" "scripts/python.sh fetches what they need"
+fi
 step "page's format" npm run format --silent --prefix web
 step "page's types" npm run types --silent --prefix web
 step "page's unit tests" page_tests
@@ -163,6 +173,11 @@ else
   # The example of each crate's README.
   step "documentation tests" cargo test --locked --doc --no-fail-fast
   step "laboratory's trial" lab_trial
+  if [ "${CI:-}" = true ] || [ -n "$python" ]; then
+    step "Python package" python_tests
+  else
+    skip "Python package" "it needs the packages that scripts/python.sh fetches"
+  fi
   if [ "${CI:-}" = true ] || scripts/chromium.sh >/dev/null; then
     step "browser test" browser_tests
   else

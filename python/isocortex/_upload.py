@@ -1,0 +1,53 @@
+"""Sending files to a server."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Iterator, Union
+
+from ._extras import nibabel
+from ._http import Connection
+
+if TYPE_CHECKING:
+    from nibabel.spatialimages import SpatialImage
+
+    Image = Union[str, os.PathLike[str], SpatialImage]
+
+
+def upload(
+    connection: Connection, path: str, parts: dict[str, IO[bytes]], parameters: dict[str, Any]
+) -> dict[str, Any]:
+    """Sends files with their parameters. No file name leaves this machine: it may name a patient."""
+    form: dict[str, Any] = {part: (part, file, "application/octet-stream") for part, file in parts.items()}
+    given = {name: value for name, value in parameters.items() if value is not None}
+    form["parameters"] = (None, json.dumps(given), "application/json")
+    answer: dict[str, Any] = connection.send("POST", path, files=form).json()
+    return answer
+
+
+@contextlib.contextmanager
+def opened(volume: Image) -> Iterator[IO[bytes]]:
+    """The bytes of a volume: of a file, of a folder of DICOM files as a zip, or of a nibabel image as NIfTI."""
+    if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
+        image = nibabel("a nibabel image").Nifti1Image.from_image(volume)
+        yield io.BytesIO(image.to_bytes())
+        return
+    if not isinstance(volume, (str, os.PathLike)):
+        raise TypeError(f"a volume is a path or a nibabel image, not {type(volume).__name__}")
+    if os.path.isdir(volume):
+        with tempfile.TemporaryFile() as packed:
+            with zipfile.ZipFile(packed, "w") as folder:
+                files = sorted(path for path in Path(volume).rglob("*") if path.is_file())
+                for number, path in enumerate(files):
+                    folder.write(path, str(number))
+            packed.seek(0)
+            yield packed
+    else:
+        with open(volume, "rb") as file:
+            yield file
