@@ -219,6 +219,17 @@ fn warn_of_memory(config: &Config) -> Result<(), ConfigError> {
     Ok(())
 }
 
+/// What requests with files of at most so many bytes may take.
+fn uploads(config: &Config, max_bytes: u64) -> UploadLimits {
+    let timeouts = &config.http.timeouts;
+    UploadLimits {
+        max_bytes,
+        at_a_time: config.http.max_uploads,
+        idle: timeouts.idle,
+        whole: timeouts.whole,
+    }
+}
+
 /// Opens the store for serving. Cases are prepared only after workers are started on the library. Who does what is recorded in `audit`
 /// ([`Config::audit`]), which is begun once, however often the store must be opened until it answers.
 ///
@@ -230,12 +241,7 @@ pub async fn open(config: &Config, audit: &Audit) -> Result<AppState, StartError
     let [_, frame_ancestors] = config.origins()?;
     let options = HttpOptions {
         access: config.access()?,
-        uploads: UploadLimits {
-            max_bytes: config.limits.max_upload_bytes,
-            at_a_time: config.http.max_uploads,
-            idle: config.http.timeouts.idle,
-            whole: config.http.timeouts.whole,
-        },
+        uploads: uploads(config, config.limits.max_upload_bytes),
         answer_timeout: config.http.timeouts.answer,
         frame_ancestors,
         guard_all: config.http.guard_all,
@@ -273,12 +279,7 @@ pub fn recorded(audit: &Audit) -> BeforeRemoval {
 /// If a node in the configuration cannot be used.
 pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
     let options = pacs::Options {
-        uploads: UploadLimits {
-            max_bytes: config.limits.max_dicom_bytes(),
-            at_a_time: config.http.max_uploads,
-            idle: config.http.timeouts.idle,
-            whole: config.http.timeouts.whole,
-        },
+        uploads: uploads(config, config.limits.max_dicom_bytes()),
         nodes: config.pacs.nodes()?,
         ignores_other_objects: config.pacs.ignore_other_objects,
         shows_patient: config.shows_patient()?,
