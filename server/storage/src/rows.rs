@@ -150,6 +150,8 @@ pub struct CaseChange {
     pub name: Option<String>,
     /// Whether it stays for good.
     pub kept: Option<bool>,
+    /// Whether lists leave it out.
+    pub trashed: Option<bool>,
 }
 
 /// Changes of a layer that keep its id.
