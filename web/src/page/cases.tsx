@@ -58,7 +58,8 @@ export function CaseList({ app }: { readonly app: App }) {
   const filter = cases.filter.value;
   const count = cases.total.value;
   void cases.here.value;
-  const flaggedAt = cases.rowOf([...cases.flags.value.keys()].at(-1) ?? null);
+  const flagged = [...cases.flags.value.keys()].at(-1) ?? null;
+  const flaggedAt = cases.rowOf(flagged);
   const openAt = cases.rowOf(cases.open.value);
   const [first, end] = rowsInSight(count, scrolled, height);
 
@@ -85,7 +86,7 @@ export function CaseList({ app }: { readonly app: App }) {
     return () => resized.disconnect();
   }, []);
   useEffect(() => cases.see(first, end), [first, end, count]);
-  useEffect(() => reach(flaggedAt), [flaggedAt]);
+  useEffect(() => reach(flaggedAt), [flagged, flaggedAt < 0]);
   useEffect(() => reach(openAt), [cases.open.value, openAt < 0, app.isStart.value]);
   useLayoutEffect(() => {
     const link = list.current?.querySelector<HTMLElement>(`[aria-rowindex="${goal.current + 2}"] a`);
@@ -110,7 +111,6 @@ export function CaseList({ app }: { readonly app: App }) {
     event.preventDefault();
     goal.current = clamp(to, 0, count - 1);
     reach(goal.current);
-    setFocused(at);
     stir();
   };
 
@@ -158,7 +158,7 @@ export function CaseList({ app }: { readonly app: App }) {
         <div class="case-heads" role="rowgroup">
           <div class="case" role="row" aria-rowindex={1}>
             {COLUMNS.map(([name, order]) => (
-              <span key={name} role="columnheader" class={name} aria-sort={sortOf(filter.sort, order)}>
+              <span key={name} role="columnheader" class={`c-${name}`} aria-sort={sortOf(filter.sort, order)}>
                 {order ? (
                   <Button
                     onClick={() =>
@@ -250,7 +250,7 @@ function Row({ app, one, row }: RowProps) {
       title={caseFacts(one)}
     >
       {COLUMNS.map(([name]) => (
-        <span key={name} role="cell" class={name}>
+        <span key={name} role="cell" class={`c-${name}`}>
           {name === "label" ? (
             <>
               <Thumb one={one} />
@@ -273,7 +273,8 @@ function Row({ app, one, row }: RowProps) {
                 {flag && <span class="fresh-badge">{flag}</span>}
                 {one.closed && <span class="closed-badge">{t(`closed.${one.closed}`)}</span>}
                 <span class="short-day">{words.day}</span>
-                <span class="id">{versionOf(one) || one.id.slice(0, 8)}</span>
+                {/* It names a case without a label above. */}
+                <span class="id">{versionOf(one) || (one.name && one.id.slice(0, 8))}</span>
               </span>
             </>
           ) : name === "mask" ? (

@@ -160,12 +160,14 @@ function Bar({ app }: OfApp) {
           {name}
         </Button>
       )}
-      <IconButton
-        icon="panel"
-        label={t("panel.toggle")}
-        aria-expanded={String(panel)}
-        onClick={() => choose({ panel: !panel })}
-      />
+      {store && (
+        <IconButton
+          icon="panel"
+          label={t("panel.toggle")}
+          aria-expanded={String(panel)}
+          onClick={() => choose({ panel: !panel })}
+        />
+      )}
       <IconButton icon="settings" id="settings" label={t("settings.title")} onClick={() => settingsDialog(store)} />
       <IconButton icon="help" label={t("help.title")} onClick={helpDialog} />
     </>
