@@ -401,7 +401,7 @@ async function thousand(other: Page): Promise<readonly number[]> {
       readonly text?: string;
     };
     asked.push(skip);
-    const found = cases.filter(({ name }) => name.toLowerCase().includes(text));
+    const found = cases.filter(({ name }) => name.toLowerCase().includes(text.toLowerCase()));
     if (sort === "oldest") found.reverse();
     return route.fulfill({ json: { cases: found.slice(skip, skip + limit), total: found.length } });
   });

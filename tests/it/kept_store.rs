@@ -136,8 +136,8 @@ async fn a_store_of_an_earlier_program_is_opened_and_has_what_it_had() {
     let listed = server.send(search.unwrap()).await.json();
     let findings = server.get(&format!("{case}/findings")).await.json();
     let findings = findings["findings"].as_array().unwrap().iter();
-    let kept = findings.filter(|one| one["is_dismissed"] != true).count();
-    assert_eq!(listed["cases"][0]["finding_count"], kept);
+    let counted = findings.filter(|one| one["is_dismissed"] != true).count();
+    assert_eq!(listed["cases"][0]["finding_count"], counted);
     assert_eq!(listed["cases"][0]["readers"], json!(["Dr. Ana Müller"]));
     until_maps(&server, &case).await;
     let now = answers(&server, &case).await;
