@@ -558,7 +558,7 @@ test(
     await page.reload();
     await page.waitForSelector("dialog.ask-token");
     await check("token");
-    await page.unroute("**/v1/cases");
+    await page.unroute("**/v1/cases/search");
     await page.goto(`${new URL(origin).origin}/docs`);
     await check("manual");
     await page.goto(`${origin}#${id}`);
