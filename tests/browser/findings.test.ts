@@ -294,7 +294,7 @@ test(
     for (const { page } of [own, other]) await open(page);
     await own.page.getByText("Your access permits looking, not writing.").waitFor();
     assert.ok(await own.page.getByRole("button", { name: "Mark the cross as a finding" }).isDisabled());
-    assert.equal(await own.page.locator("#add, #case-list li > button").count(), 0);
+    assert.equal(await own.page.locator("#add, #case-list .icon-button").count(), 0);
     await add(other.page);
     await other.page.locator(".finding-label").last().fill("seen by both");
     // Of a row that is not unfolded there are the name and the label alone.

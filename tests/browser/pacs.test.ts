@@ -460,7 +460,7 @@ test("a series that the server refused is taken from the list, and its case open
   await banner.waitFor({ timeout: 300_000 });
   await shown(page);
   assert.ok(!page.url().includes(id), page.url());
-  const [notice, badge] = [page.locator("#closed"), page.locator("#case-list li:has([aria-current]) .closed-badge")];
+  const [notice, badge] = [page.locator("#closed"), page.locator("#case-list [aria-current=true] .closed-badge")];
   assert.ok(!(await notice.isVisible()) && !(await badge.isVisible()));
   // The PACS corrects the patient of the first image: what is read here is closed.
   assert.equal(await store(markedSeries({ ...patient, id: "P-87" }, series).slice(0, 1)), 202);

@@ -530,7 +530,6 @@ test(
         for (const [name, opener] of [
           ["help", ".bar .icon-button >> nth=-1"],
           ["settings", "#settings"],
-          ["confirm-delete", "#case-list li > button"],
           ["server-picture", "#menu-export button >> nth=2"],
           ["series", "#menu-export button >> nth=3"],
         ] as const) {
@@ -549,7 +548,7 @@ test(
     await page.goto(`${origin}#${"0".repeat(32)}`);
     await page.waitForFunction(() => document.querySelector("#case-note")?.textContent?.includes("Choose a case"));
     await check("no case");
-    await page.route("**/v1/cases", (route) =>
+    await page.route("**/v1/cases/search", (route) =>
       route.fulfill({
         status: 401,
         contentType: "application/problem+json",
@@ -559,7 +558,7 @@ test(
     await page.reload();
     await page.waitForSelector("dialog.ask-token");
     await check("token");
-    await page.unroute("**/v1/cases");
+    await page.unroute("**/v1/cases/search");
     await page.goto(`${new URL(origin).origin}/docs`);
     await check("manual");
     await page.goto(`${origin}#${id}`);

@@ -130,6 +130,15 @@ async fn a_store_of_an_earlier_program_is_opened_and_has_what_it_had() {
         panic!("the store has one case: {list}");
     };
     let case = format!("/v1/cases/{}", case["id"].as_str().unwrap());
+    // What a migration has counted in the document of the findings.
+    let body = axum::body::Body::from(r#"{"patients": false}"#);
+    let search = axum::http::Request::post("/v1/cases/search").body(body);
+    let listed = server.send(search.unwrap()).await.json();
+    let findings = server.get(&format!("{case}/findings")).await.json();
+    let findings = findings["findings"].as_array().unwrap().iter();
+    let counted = findings.filter(|one| one["is_dismissed"] != true).count();
+    assert_eq!(listed["cases"][0]["finding_count"], counted);
+    assert_eq!(listed["cases"][0]["readers"], json!(["Dr. Ana Müller"]));
     until_maps(&server, &case).await;
     let now = answers(&server, &case).await;
     if is_asked("ISOCORTEX_WRITE_GOLDEN") || is_asked("ISOCORTEX_WRITE_STORE") {

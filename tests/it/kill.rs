@@ -12,7 +12,7 @@ use cases::jobs::start_workers;
 use cases::models::{Models, WarmModel};
 use geometry::phantom::head;
 use pipeline::Source;
-use storage::{CaseQuery, Options, Store};
+use storage::{CaseQuery, Listed, Options, Store};
 
 /// The directory of the store that a victim is to open.
 const DIRECTORY: &str = "ISOCORTEX_KILL_DIRECTORY";
@@ -140,7 +140,7 @@ fn assert_nothing_left_over(directory: &Path, ready: u32) {
 
 /// What a killed process left: each case whole, or still to be prepared.
 async fn assert_whole(library: &Library) {
-    for case in library
+    for Listed { case, .. } in library
         .store()
         .cases(&CaseQuery::default(), None, 1000)
         .await

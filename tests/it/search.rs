@@ -126,6 +126,9 @@ async fn what_is_no_search_is_refused_and_not_repeated() {
         (json!({"series": "1..2"}), "series"),
         (json!({"accession_number": " "}), "accession_number"),
         (json!({"patient_id": " "}), "patient_id"),
+        (json!({"text": ""}), "text"),
+        (json!({"status": "Secret"}), "status"),
+        (json!({"sort": "Secret"}), "sort"),
         (json!({"limit": 201}), "limit"),
         (json!({"after": "Secret"}), "after"),
     ] {
@@ -146,14 +149,67 @@ async fn what_is_no_search_is_refused_and_not_repeated() {
 }
 
 #[tokio::test]
+async fn a_worklist_states_what_is_to_be_done_and_the_trash_is_left_out() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let id = case.rsplit('/').next().unwrap();
+    let row = async || {
+        let page = search(&server, &json!({"patients": false, "skip": 0})).await;
+        page.json()
+    };
+    let page = row().await;
+    assert_eq!(page["total"], 1);
+    assert_eq!(page["cases"][0]["status"], "new");
+    assert_eq!(page["cases"][0]["finding_count"], 0);
+    let list = server.get(&format!("{case}/findings")).await.json();
+    assert!(list["findings"].as_array().unwrap().is_empty());
+    crate::findings::mark(&server, &case).await;
+    let page = row().await;
+    assert_eq!(page["cases"][0]["status"], "begun");
+    assert!(page["cases"][0]["finding_count"].as_u64().unwrap() > 0);
+
+    let patch = async |trashed: bool| {
+        let body = Body::from(json!({"trashed": trashed}).to_string());
+        let request = Request::patch(&case).body(body).unwrap();
+        server.send(request).await.json()
+    };
+    assert_eq!(patch(true).await["trashed"], true);
+    assert_eq!(found(&server, json!({})).await, Vec::<String>::new());
+    assert_eq!(found(&server, json!({"trashed": true})).await, [id]);
+    let list = server.get("/v1/cases").await.json();
+    assert_eq!(list["cases"], json!([]));
+    assert_eq!(
+        server.get(&case).await.json()["trashed"],
+        true,
+        "its address shows it"
+    );
+    assert!(patch(false).await.get("trashed").is_none());
+    assert_eq!(found(&server, json!({})).await, [id]);
+    // A cursor belongs to the newest first.
+    let after = format!("1-{id}");
+    for wrong in [
+        json!({"sort": "label", "after": after}),
+        json!({"skip": 0, "after": after}),
+    ] {
+        assert_eq!(search(&server, &wrong).await.json()["parameter"], "after");
+    }
+}
+
+#[tokio::test]
 async fn a_search_is_recorded_as_one_that_shows_patients() {
     let folder = tempfile::tempdir().unwrap();
     let server = Server::start_with(|config| {
         config.audit.folder = Some(folder.path().to_owned());
     })
     .await;
-    let answer = search(&server, &json!({"patient_id": "CANARY"})).await;
-    assert_eq!(answer.status, 200, "{answer:?}");
+    for asked in [
+        json!({"patient_id": "CANARY"}),
+        json!({"study": "1.2.3", "patients": false}),
+        json!({"patients": false}),
+    ] {
+        let answer = search(&server, &asked).await;
+        assert_eq!(answer.status, 200, "{answer:?}");
+    }
     // It is on the disk before the answer.
     let files = std::fs::read_dir(folder.path()).unwrap();
     let texts = files.map(|file| std::fs::read_to_string(file.unwrap().path()).unwrap());
@@ -163,6 +219,6 @@ async fn a_search_is_recorded_as_one_that_shows_patients() {
         .filter_map(|line| serde_json::from_str::<Value>(line).ok());
     let is_search =
         |line: &Value| line["route"] == "POST /v1/cases/search" && line["object"] == "identity";
-    assert_eq!(lines.filter(is_search).count(), 1, "{text}");
+    assert_eq!(lines.filter(is_search).count(), 2, "{text}");
     assert!(!text.contains("CANARY"), "{text}");
 }

@@ -6,7 +6,7 @@ import { test } from "node:test";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { nearestSample, profileCsv } from "../src/page/profile-table.ts";
 import { readDepths } from "../src/model/query.ts";
-import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../src/model/rows.ts";
+import { ROW_PIXELS, rowsInSight, scrolledTo } from "../src/model/rows.ts";
 import { MOST_PICTURES, sheetBody, sweepBody, turnBody } from "../src/model/series.ts";
 import { firstState } from "../src/model/state.ts";
 import { wholeSweep } from "../src/model/sweep.ts";
@@ -83,27 +83,8 @@ test("of a long list the rows in sight are there, and some beyond", () => {
   assert.deepEqual(rowsInSight(0, 900, 560), [0, 0]);
 });
 
-test("a list is scrolled no further than a row needs, and to beside the open one", () => {
-  assert.equal(scrolledTo(3, -1, 0, 560), 0);
-  assert.equal(scrolledTo(20, -1, 0, 560), 21 * ROW_PIXELS - 560);
-  assert.equal(scrolledTo(2, -1, 560, 560), 2 * ROW_PIXELS);
-  // The open one stays at the edge it has left by, and covers a row there.
-  assert.equal(scrolledTo(20, 40, 0, 560), 22 * ROW_PIXELS - 560);
-  assert.equal(scrolledTo(10, 0, 10 * ROW_PIXELS, 560), 9 * ROW_PIXELS);
-  assert.equal(scrolledTo(20, 20, 0, 560), 21 * ROW_PIXELS - 560);
-});
-
-test("a row is out of reach where the open one, at an edge, leaves too little of it", () => {
-  const height = 400;
-  const covered = (open: number, scrolled: number): readonly number[] =>
-    Array.from({ length: 30 }, (_, row) => row).filter((row) => isCovered(row, open, scrolled, height));
-  assert.deepEqual(covered(3, 0), [], "the open one is at its own place");
-  assert.deepEqual(covered(-1, 7), [], "none is open");
-  // At the lower edge the open one covers from 348 to 400: 12 pixels of row 6 are left, and row 7 is below them.
-  assert.deepEqual(covered(20, 0), [6, 7]);
-  assert.deepEqual(covered(20, 20), [7], "32 pixels of row 6 are a target");
-  // At the upper edge it covers from 560 to 612, and from 595 to 647: 17 pixels of row 10 are left, 21 of row 11.
-  assert.deepEqual(covered(0, 560), [10]);
-  assert.deepEqual(covered(0, 595), [10, 11]);
-  assert.deepEqual(covered(0, 590), [10], "26 pixels of row 11 are a target");
+test("a list is scrolled no further than a row needs", () => {
+  assert.equal(scrolledTo(3, 0, 560), 0);
+  assert.equal(scrolledTo(20, 0, 560), 21 * ROW_PIXELS - 560);
+  assert.equal(scrolledTo(2, 560, 560), 2 * ROW_PIXELS);
 });

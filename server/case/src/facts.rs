@@ -232,6 +232,8 @@ pub struct Case {
     pub closed: Option<Closed>,
     /// Whether it is never removed because of its age.
     pub kept: bool,
+    /// Whether it is in the trash: lists leave it out, and its address shows it.
+    pub trashed: bool,
     /// When it will be removed because of its age; `None` if never. A store sets this, not its rows.
     pub expires_at: Option<Timestamp>,
 }
@@ -245,6 +247,8 @@ pub struct CaseChange {
     pub kept: Option<bool>,
     /// Another label: at most 200 characters, without control characters.
     pub name: Option<String>,
+    /// Whether to put it into the trash, or to take it out.
+    pub trashed: Option<bool>,
 }
 
 impl Case {
@@ -314,6 +318,7 @@ mod tests {
             uploaded_at: "2026-03-02T00:00:00Z".parse().unwrap(),
             closed: None,
             kept: false,
+            trashed: false,
             expires_at: None,
         };
         assert_eq!(case.identity(), "A head · added 2026-03-01 · 01234567");

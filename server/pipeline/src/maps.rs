@@ -88,6 +88,12 @@ impl NoMaps {
 pub type MapsOrReason = Result<CaseMaps, NoMaps>;
 
 impl CaseMaps {
+    /// How many places of the cerebrum have an unusual score, in any map that lists places.
+    pub fn standing_out(&self) -> usize {
+        let places = self.candidates.iter().chain(&self.thick[0]);
+        places.filter(|place| place.stands_out()).count()
+    }
+
     /// One of the maps.
     ///
     /// # Panics

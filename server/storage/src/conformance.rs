@@ -4,6 +4,7 @@ mod findings;
 mod layers;
 mod objects;
 mod series;
+mod worklist;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,6 +17,7 @@ use case::{
 pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
 pub(crate) use self::series::*;
+pub(crate) use self::worklist::*;
 
 use super::jobs::{JobQuery, NewJob, Release};
 use super::label::Label;
@@ -25,7 +27,7 @@ use super::sql::Rows;
 use super::tables::{cases, jobs};
 use super::testing::{claim, facts, failure, job, keep, name, new_case, pinned, rename, waiting};
 use super::upkeep::{self, Allowance, Removal};
-use super::{CaseQuery, ObjectName, Options, Store, StoreError};
+use super::{CaseQuery, Listed, ObjectName, Options, Store, StoreError};
 
 /// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
@@ -115,6 +117,8 @@ macro_rules! conformance {
                 cases_are_found_by_their_series
                 a_case_and_its_series_are_written_together_and_what_is_lost_of_it_comes_again
                 cases_are_searched_by_what_they_are_and_whose
+                a_list_states_what_is_to_be_done_and_is_sorted_by_it
+                a_list_is_paged_by_position_and_leaves_the_trash_out
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
                 a_layer_is_leased_once_its_case_is_ready
@@ -235,7 +239,7 @@ pub(crate) async fn cases_are_listed_newest_first_in_pages(subject: &Subject) {
         listed.extend(
             page.cases
                 .into_iter()
-                .map(|case| (case.created_at, case.id)),
+                .map(|Listed { case, .. }| (case.created_at, case.id)),
         );
         cursor = page.next;
     }

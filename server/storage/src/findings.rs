@@ -2,7 +2,10 @@
 //!
 //! They are not derived from anything, so they lie in a row, and a change is one transaction.
 
+use std::collections::BTreeSet;
 use std::fmt;
+
+use serde_json::Value;
 
 /// The findings of a case as they are stored.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,6 +45,21 @@ impl StoredFindings {
     pub(crate) fn new(document: String) -> Self {
         let version = FindingsVersion::of(&document);
         Self { document, version }
+    }
+
+    /// What lists state: how many findings are not dismissed, and the names of the authors, a line each.
+    pub(crate) fn summary(&self) -> Result<(i64, String), serde_json::Error> {
+        let all: Vec<Value> = serde_json::from_str(&self.document)?;
+        let kept = all.iter().filter(|one| one["is_dismissed"] != true).count();
+        let authors: BTreeSet<&str> = all
+            .iter()
+            .filter_map(|one| one["author"].as_str())
+            .collect();
+        let authors: Vec<&str> = authors
+            .into_iter()
+            .filter(|name| !name.is_empty())
+            .collect();
+        Ok((i64::try_from(kept).unwrap_or(i64::MAX), authors.join("\n")))
     }
 }
 

@@ -57,7 +57,7 @@ pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
 };
-pub use self::page::{CaseQuery, Cursor, Page, is_id};
+pub use self::page::{CaseQuery, Cursor, Listed, Order, Page, Status, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{LayerName, Made, Owner, Pinned, Published, Submitted};
 pub use self::signals::{Count, Counters, Signals};

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseState};
 
-/// Which cases to list: those that fulfil each condition that is given; without one, all.
+/// Which cases to list, and how: those that fulfil each condition that is given; without one, all.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CaseQuery {
     /// A part of the label, whether in upper or lower case.
@@ -21,6 +21,100 @@ pub struct CaseQuery {
     pub series: Option<Uid>,
     pub accession_number: Option<AccessionNumber>,
     pub patient: Option<PatientDigest>,
+    /// A part of the label or of the name of an author of findings, whether in upper or lower case, or the beginning of the id.
+    pub text: Option<String>,
+    pub status: Option<Status>,
+    /// Whether they are in the trash.
+    pub trashed: Option<bool>,
+    pub order: Order,
+    /// The number of cases to pass over. Then they are counted, too.
+    pub skip: Option<usize>,
+}
+
+/// What is to be done with a case, as far as its rows tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Status {
+    /// It is being prepared, or waits for that.
+    Preparing,
+    Failed,
+    /// It is ready, and nobody has written anything about it.
+    New,
+    /// There are findings, or places that were dismissed.
+    Begun,
+}
+
+impl Status {
+    const ALL: [Self; 4] = [Self::Preparing, Self::Failed, Self::New, Self::Begun];
+
+    /// The name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Preparing => "preparing",
+            Self::Failed => "failed",
+            Self::New => "new",
+            Self::Begun => "begun",
+        }
+    }
+
+    /// The status with a name; `None` if there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|status| status.name() == name)
+    }
+}
+
+/// The order of a list of cases. Those that are alike are listed newest first.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Order {
+    #[default]
+    Newest,
+    Oldest,
+    /// By the label; cases without one last.
+    Label,
+    /// Those with the most places that stand out first.
+    Places,
+    /// Those with the most findings first.
+    Findings,
+}
+
+impl Order {
+    const ALL: [Self; 5] = [
+        Self::Newest,
+        Self::Oldest,
+        Self::Label,
+        Self::Places,
+        Self::Findings,
+    ];
+
+    /// The name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Newest => "newest",
+            Self::Oldest => "oldest",
+            Self::Label => "label",
+            Self::Places => "places",
+            Self::Findings => "findings",
+        }
+    }
+
+    /// The order with a name; `None` if there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|order| order.name() == name)
+    }
+}
+
+/// A case in a list.
+#[derive(Debug, Clone)]
+pub struct Listed {
+    pub case: Case,
+    pub status: Status,
+    /// How many places of its maps stand out; `None` if that is not known.
+    pub places: Option<u32>,
+    /// The number of findings, without places that were dismissed.
+    pub findings: u32,
+    /// The authors of the findings, as they are written there.
+    pub readers: Vec<String>,
+    /// The names of its layers, in their order.
+    pub layers: Vec<String>,
 }
 
 /// The place in a list after an item, given by its time and id.
@@ -79,10 +173,12 @@ pub fn is_id(text: &str) -> bool {
 /// A page of the list of cases.
 #[derive(Debug, Clone)]
 pub struct Page {
-    /// Newest first.
-    pub cases: Vec<Case>,
-    /// The start of the next page; `None` on the last one.
+    /// In the order that was asked for.
+    pub cases: Vec<Listed>,
+    /// The start of the next page, newest first; `None` on the last one, and in another order.
     pub next: Option<Cursor>,
+    /// How many cases fulfil the conditions, if some were to be passed over.
+    pub total: Option<u64>,
 }
 
 #[cfg(test)]

@@ -155,6 +155,7 @@ mod tests {
             created_at: Timestamp::UNIX_EPOCH,
             uploaded_at: Timestamp::UNIX_EPOCH,
             kept: false,
+            trashed: false,
             closed: None,
             expires_at: None,
         }

@@ -1,7 +1,7 @@
 // The server's interface. A token lives in this module's memory alone.
 
 import { parsed } from "../model/text.ts";
-import type { Case, ProblemBody } from "../model/case.ts";
+import type { Case, Listed, ProblemBody } from "../model/case.ts";
 import type { LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
@@ -181,20 +181,18 @@ interface CasePage {
   readonly next?: string;
 }
 
-export function listCases(after: string | null, limit = 0): Promise<CasePage> {
-  const query = new URLSearchParams({ ...(after && { after }), ...(limit > 0 && { limit: String(limit) }) });
-  return ask(`v1/cases${query.size > 0 ? "?" : ""}${query}`);
-}
-
-/** The newest cases with a part of a label, `limit` of them at most. */
-export async function findCases(label: string, limit: number): Promise<readonly Case[]> {
-  return (await post<CasePage>("v1/cases/search", { label, limit })).cases;
-}
+/** So many of the cases that fulfil conditions, behind the first ones of them, and how many there are. */
+export const searchCases = (
+  conditions: Readonly<Record<string, unknown>>,
+  skip: number,
+  limit: number,
+): Promise<{ readonly cases: readonly Listed[]; readonly total: number }> =>
+  post("v1/cases/search", { ...conditions, skip, limit });
 
 export async function allCases(): Promise<Case[]> {
   const cases: Case[] = [];
   for (let after: string | null = null; ;) {
-    const page = await listCases(after, 200);
+    const page: CasePage = await ask(`v1/cases?${new URLSearchParams({ limit: "200", ...(after && { after }) })}`);
     cases.push(...page.cases);
     if (!page.next) return cases;
     after = page.next;
@@ -209,9 +207,11 @@ export async function anyArrivals(): Promise<boolean> {
 export const getCase = (id: string, part: PartName | null = null): Promise<Case> =>
   ask(`v1/cases/${id}${part ? `?surface=${part}` : ""}`);
 
-/** Renames a case, or keeps it whatever its age, or no longer; the case as it is then. */
-export const changeCase = (id: string, change: { readonly name?: string; readonly kept?: boolean }): Promise<Case> =>
-  ask(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) });
+/** Renames a case, keeps it whatever its age or no longer, or puts it into the trash or takes it out; the case as it is then. */
+export const changeCase = (
+  id: string,
+  change: { readonly name?: string; readonly kept?: boolean; readonly trashed?: boolean },
+): Promise<Case> => ask(`v1/cases/${id}`, { method: "PATCH", body: JSON.stringify(change) });
 
 export async function deleteCase(id: string): Promise<void> {
   await send(`v1/cases/${id}`, { method: "DELETE" });

@@ -17,72 +17,6 @@ export function titleParts(title: string): readonly [string, string] {
   return title.length <= LONG_TITLE ? [title, ""] : [title.slice(0, -TITLE_END), title.slice(-TITLE_END)];
 }
 
-/** What a row surely shows of a title: all, or its first and its last letters. */
-export function shortTitle(one: Case): string {
-  const [begins, ends] = titleParts(caseTitle(one));
-  return ends === "" ? begins : `${begins.slice(0, LONG_TITLE - TITLE_END)}\u2026${ends}`;
-}
-
-/** The cases that share what is surely shown of their titles, by that. */
-export function alike(cases: readonly Case[]): ReadonlyMap<string, readonly Case[]> {
-  const found = new Map<string, Case[]>();
-  for (const one of cases) {
-    const others = found.get(shortTitle(one));
-    if (others) others.push(one);
-    else found.set(shortTitle(one), [one]);
-  }
-  return found;
-}
-
-/** What a reader may know a case by, besides its title: first what says the most. */
-const TELLING: readonly ((one: ReadyCase) => string)[] = [
-  ({ volume }) => (volume.series_number === undefined ? "" : `${t("case.SeriesDescription")} ${volume.series_number}`),
-  ({ volume }) => volume.sequence ?? "",
-  (one) => voxelWords(one),
-  ({ volume }) => volume.size.join(" × "),
-  ({ closing_radius_mm }) => `${t("case.radius")} ${numberUpTo(closing_radius_mm, 1)} mm`,
-];
-
-/** What differs among cases with the same title. */
-interface Telling {
-  readonly parts: readonly ((one: ReadyCase) => string)[];
-  /** Whether two were uploaded on one day, so that the time is needed. */
-  readonly hasTime: boolean;
-  /** Those that nothing tells apart but their ids. */
-  readonly twins: ReadonlySet<Case>;
-}
-
-const KNOWN = new WeakMap<readonly Case[], Telling>();
-const minuteOf = (one: Case): string => one.created_at.slice(0, 16);
-
-function tellingOf(others: readonly Case[]): Telling {
-  const found = KNOWN.get(others);
-  if (found) return found;
-  const ready = others.filter((one) => one.state === "ready");
-  const parts = TELLING.filter((part) => new Set(ready.map(part)).size > 1);
-  const hasTime = new Set(others.map(({ created_at }) => new Date(created_at).toDateString())).size < others.length;
-  const seen = new Map<string, ReadyCase>();
-  const twins = new Set<Case>();
-  for (const one of ready) {
-    const all = [minuteOf(one), ...parts.map((part) => part(one))].join("\n");
-    const twin = seen.get(all);
-    if (twin) twins.add(one).add(twin);
-    seen.set(all, one);
-  }
-  const telling = { parts, hasTime, twins };
-  KNOWN.set(others, telling);
-  return telling;
-}
-
-/** What tells a case apart from those with the same title, one of them; empty if it is the only one, or is not ready. */
-export function toldApart(one: Case, others: readonly Case[]): string {
-  if (one.state !== "ready" || others.length < 2) return "";
-  const { parts, hasTime, twins } = tellingOf(others);
-  const differing = parts.map((part) => part(one)).filter((words) => words !== "");
-  const id = twins.has(one) ? [one.id.slice(0, 8)] : [];
-  return [...id, ...differing, (hasTime ? moment : day)(one.created_at)].join(" · ");
-}
-
 /** What a case is at, in words. */
 export function caseStatus(one: Case): string {
   switch (one.state) {
@@ -94,9 +28,7 @@ export function caseStatus(one: Case): string {
       return t(stage) + (typeof fraction === "number" ? ` · ${number(100 * fraction)} %` : "");
     }
     case "ready":
-      return [day(one.created_at), voxelWords(one, 1), one.volume.sequence ?? ""]
-        .filter((part) => part !== "")
-        .join(" · ");
+      return seriesWords(one);
     case "failed":
       return failureWords(one.error);
   }
@@ -118,6 +50,13 @@ export function reasonIn(reason: string, code = ""): string {
 /** Why a mask is doubtful. */
 export const reasonWords = ({ reasons, reason_codes }: Quality): readonly string[] =>
   reasons.map((reason, at) => reasonIn(reason, reason_codes?.[at]));
+
+/** The number of the series, the edges of a voxel and the sequence, as far as they are known. */
+export function seriesWords(one: ReadyCase): string {
+  const { series_number, sequence = "" } = one.volume;
+  const series = series_number === undefined ? "" : `${t("case.SeriesDescription")} ${series_number}`;
+  return [series, voxelWords(one, 1), sequence].filter((part) => part !== "").join(" · ");
+}
 
 /** Distinguishes a case from its versions, which have the same name. */
 export function versionOf(one: Case): string {

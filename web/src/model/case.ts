@@ -57,6 +57,8 @@ interface AnyCase {
   readonly created_at: string;
   /** Whether it is never removed because of its age. */
   readonly kept: boolean;
+  /** Whether it is in the trash. */
+  readonly trashed?: boolean;
   /** Why it is closed; absent if it is open. */
   readonly closed?: "corrected" | "rejected";
   /** When the server will remove it because of its age; absent if it will not. */
@@ -142,3 +144,16 @@ export interface ReadyCase extends AnyCase {
 }
 
 export type Case = WaitingCase | FailedCase | ReadyCase;
+
+/** A case in the list, with what the list alone states. */
+export type Listed = Case & {
+  readonly status: "preparing" | "failed" | "new" | "begun";
+  /** How many places of its maps stand out; absent if that is not known. */
+  readonly places?: number;
+  /** Without places that were dismissed. */
+  readonly finding_count: number;
+  /** Who has written findings. */
+  readonly readers?: readonly string[];
+  /** The names of its layers. */
+  readonly layers?: readonly string[];
+};

@@ -8,6 +8,7 @@ import { type Change, boundWindow } from "./controls.ts";
 import { isLayerId, overlayText, readOverlay } from "./maps.ts";
 import { type Quat, type Vec2, type Vec3, clamp, unit } from "./space.ts";
 import { SURFACES } from "./surfaces.ts";
+import { type Filter, LIST, readFilter } from "./worklist.ts";
 import {
   type HalfLook,
   type ViewState,
@@ -28,6 +29,8 @@ import {
 export type Address =
   | { readonly kind: "none" }
   | OfCase
+  /** The list of cases, with its filter. */
+  | { readonly kind: "list"; readonly filter: Filter }
   /** Something that is no case. */
   | { readonly kind: "unknown" };
 
@@ -51,6 +54,7 @@ export function readAddress(fragment: string): Address {
   const finding = parts.find((one) => one.startsWith(FINDING)) ?? "";
   const rest = parts.filter((one) => one !== finding).join("&");
   if (/^[0-9a-f]{32}$/.test(first)) return { kind: "case", id: first, rest, finding: finding.slice(FINDING.length) };
+  if (first === LIST) return { kind: "list", filter: readFilter(parts) };
   return { kind: text === "" ? "none" : "unknown" };
 }
 

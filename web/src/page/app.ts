@@ -2,8 +2,8 @@
 
 import { computed, effect, signal, untracked } from "@preact/signals";
 
-import { anyArrivals, deleteCase, getCase, getHolder, handOver } from "../base/api.ts";
-import { caseIdentity } from "../base/case-words.ts";
+import { anyArrivals, changeCase, deleteCase, getCase, getHolder, handOver } from "../base/api.ts";
+import { caseIdentity, caseTitle } from "../base/case-words.ts";
 import { spoken, t } from "../base/i18n.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -12,6 +12,7 @@ import { type Address, type OfCase, readAddress } from "../model/fragment.ts";
 import { commandOf, recallOf } from "../model/keys.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { hasSlices } from "../model/state.ts";
+import { ALL, listAddress } from "../model/worklist.ts";
 import { announce, announced, noted } from "../store/announce.ts";
 import { Cases } from "../store/cases.ts";
 import { perform } from "../store/commands.ts";
@@ -34,13 +35,16 @@ export class App {
   readonly viewer = signal<Viewer | null>(null);
   /** Why the case of the address cannot be shown; empty where it can. */
   readonly absence = signal("");
-  /** The list is there to choose from, and beside a picture where it is wanted. */
+  /** Whether no case is shown, and the list has all the room. */
+  readonly isStart = signal(false);
+  /** The list is beside a picture where it is wanted, and as long as there is none where there is room. */
   readonly hasList = computed(() => {
     const isWide = window.innerWidth >= BESIDE_PIXELS;
-    return (
-      preferences.value.list || (isWide ? !this.viewer.value : !this.chosen.value && this.cases.all.value.length > 0)
-    );
+    if (this.isStart.value && !this.cases.isEmpty.value) return true;
+    return preferences.value.list || (isWide && !this.viewer.value);
   });
+  /** The case that was put into the trash last, until something else becomes of it. */
+  readonly trashed = signal<Case | null>(null);
   readonly isSilent = signal(false);
   readonly hasArrivals = signal(false);
   /** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
@@ -55,7 +59,7 @@ export class App {
   async start(): Promise<void> {
     effect(() => {
       // Whatever becomes of the cases, the one of the address may be there now, or another one.
-      void this.cases.all.value;
+      void this.cases.here.value;
       if (this.cases.isListed.value) untracked(() => void this.route());
     });
     effect(() => {
@@ -70,13 +74,17 @@ export class App {
     effect(() => {
       if (preferences.value.language !== spoken()) untracked(() => this.#beginAgain());
     });
+    effect(() => {
+      const address = listAddress(this.cases.filter.value);
+      if (this.isStart.value && this.cases.filter.value !== ALL) history.replaceState(null, "", address);
+    });
     await this.cases.refresh();
     document.body.dataset.loaded = "true";
     // Where there is no room beside it, the area for files is in sight alone.
-    if (this.cases.all.peek().length === 0 && window.innerWidth >= BESIDE_PIXELS) this.upload.isOpen.value = true;
+    if (this.cases.isEmpty.peek() && window.innerWidth >= BESIDE_PIXELS) this.upload.isOpen.value = true;
     // Of what was refused there is no case: its list is offered once anything has come.
     effect(() => {
-      if (this.cases.all.value.length >= 0 && !this.hasArrivals.peek()) void this.#lookForArrivals();
+      if (this.cases.total.value >= 0 && !this.hasArrivals.peek()) void this.#lookForArrivals();
     });
     // Whoever may not look at anything may not ask either.
     if (parent === window) holder.value = await getHolder().catch(() => null);
@@ -131,9 +139,9 @@ export class App {
     const turn = (this.#routed += 1);
     const address = readAddress(location.hash);
     const id = address.kind === "case" ? address.id : address.kind === "none" ? this.cases.only : null;
-    const all = this.cases.all.peek();
+    if (address.kind === "list") this.cases.choose({ ...address.filter, text: this.cases.filter.peek().text });
     let absence = address.kind === "unknown" ? t("address.unknown") : "";
-    let chosen = all.find((one) => one.id === id) ?? null;
+    let chosen: Case | null = this.cases.here.peek().find((one) => one.id === id) ?? null;
     if (id && !chosen)
       chosen = await getCase(id).catch((problem: unknown) => ((absence = problemWords(problem)), null));
     // Another address may have come in the meantime.
@@ -165,6 +173,7 @@ export class App {
 
   #show(chosen: Case | null, address: Address): void {
     this.chosen.value = chosen;
+    this.isStart.value = chosen === null;
     const ready = chosen?.state === "ready" ? chosen : null;
     const before = this.viewer.peek();
     if (ready?.id === before?.store.shown.id) return;
@@ -179,20 +188,36 @@ export class App {
     if (ready && window.innerWidth < BESIDE_PIXELS) choose({ list: false });
   }
 
+  /** Puts a case into the trash, or takes it out. */
+  async trash(one: Case, trashed: boolean): Promise<void> {
+    this.trashed.value = null;
+    try {
+      await changeCase(one.id, { trashed });
+      this.trashed.value = trashed ? one : null;
+      await this.#changed(t(trashed ? "trash.done" : "trash.undone", { title: caseTitle(one) }));
+    } catch (problem) {
+      this.absence.value = problemWords(problem);
+    }
+  }
+
+  /** Deletes a case for good. */
   async remove(one: Case): Promise<void> {
     if (!(await confirmDelete(t("delete.title"), t("delete.text", { title: caseIdentity(one) })))) return;
     try {
       await deleteCase(one.id);
       this.#memory.forget(one.id);
       if (this.chosen.peek()?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
-      this.cases.forget(one.id);
-      await this.cases.refresh();
-      announce(t("delete.done"));
-      // The button that had the focus is gone.
-      if (document.activeElement === document.body) document.getElementById("stage")?.focus();
+      await this.#changed(t("delete.done"));
     } catch (problem) {
       this.absence.value = problemWords(problem);
     }
+  }
+
+  async #changed(words: string): Promise<void> {
+    await this.cases.refresh();
+    announce(words);
+    // The button that had the focus is gone.
+    if (document.activeElement === document.body) document.getElementById("case-search")?.focus();
   }
 
   /** What a key did while it was held is over. */

@@ -1,4 +1,4 @@
-// The list of cases, of any length: only the rows in sight are there.
+// The list of cases, of any length: only the rows in sight are there. Where it has room it is a table, beside a picture it has two lines a row.
 
 import { clamp } from "../model/space.ts";
 import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
@@ -9,221 +9,320 @@ import {
   caseIdentity,
   caseStatus,
   caseTitle,
-  shortTitle,
+  seriesWords,
   titleParts,
-  toldApart,
   versionOf,
 } from "../base/case-words.ts";
-import { t } from "../base/i18n.ts";
+import { day, number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
-import type { Case } from "../model/case.ts";
+import type { Case, Listed } from "../model/case.ts";
 import { doubtsOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
-import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts";
+import { ROW_PIXELS, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { firstState } from "../model/state.ts";
-import { type Cases, ORDERS } from "../store/cases.ts";
+import { DAYS, ORDERS, type Order, STATUSES } from "../model/worklist.ts";
 import { mayWrite } from "../store/holder.ts";
-import { Choice, IconButton, Placed, Search, Status } from "./fields.tsx";
+import type { App } from "./app.ts";
+import { Button, Choice, IconButton, Placed, Search, Status } from "./fields.tsx";
 import { useDrawn } from "./server-picture.tsx";
 
 /** A row that stays in sight for so long gets its picture. */
 const LOOK_MS = 120;
 const THUMB_PIXELS = 96;
 
-interface ListProps {
-  readonly cases: Cases;
-  remove(one: Case): void;
-}
+type Column = "label" | "series" | "day" | "mask" | "layers" | "places" | "findings" | "reader" | "state";
 
-export function CaseList({ cases, remove }: ListProps) {
+/** The columns, with the order that each can be listed in. */
+const COLUMNS: readonly (readonly [name: Column, order?: Order])[] = [
+  ["label", "label"],
+  ["series"],
+  ["day", "newest"],
+  ["mask"],
+  ["layers"],
+  ["places", "places"],
+  ["findings", "findings"],
+  ["reader"],
+  ["state"],
+];
+
+export function CaseList({ app }: { readonly app: App }) {
+  const { cases } = app;
   const scroller = useRef<HTMLDivElement>(null);
-  const list = useRef<HTMLUListElement>(null);
+  const list = useRef<HTMLDivElement>(null);
   const [[scrolled, height], setPlace] = useState([0, 0]);
   /** The row that has the focus, which stays when it is scrolled away. */
-  const [focused, setFocused] = useState<string | null>(null);
-  const wantsFocus = useRef(false);
-  const wanted = cases.wanted.value;
-  const open = wanted.findIndex(({ id }) => id === cases.open.value);
-  const flagged = [...cases.flags.value.keys()].at(-1);
-  const flaggedAt = wanted.findIndex(({ id }) => id === flagged);
+  const [focused, setFocused] = useState(-1);
+  /** The row that is to have it, once it is there. */
+  const goal = useRef(-1);
+  const filter = cases.filter.value;
+  const count = cases.total.value;
+  void cases.here.value;
+  const flagged = [...cases.flags.value.keys()].at(-1) ?? null;
+  const flaggedAt = cases.rowOf(flagged);
+  const openAt = cases.rowOf(cases.open.value);
+  const [first, end] = rowsInSight(count, scrolled, height);
 
   const stir = (): void => {
-    const { scrollTop = 0, clientHeight = 0 } = scroller.current ?? {};
-    setPlace([scrollTop, clientHeight]);
+    const box = scroller.current;
+    // While it is hidden it stays where it was.
+    if (box && box.clientHeight > 0) setPlace([box.scrollTop, box.clientHeight]);
+  };
+  /** Scrolls until a row is in sight. */
+  const reach = (row: number): void => {
+    const box = scroller.current;
+    if (box && row >= 0) box.scrollTop = scrolledTo(row, box.scrollTop, box.clientHeight);
   };
   useLayoutEffect(() => {
-    const resized = new ResizeObserver(stir);
-    if (scroller.current) resized.observe(scroller.current);
+    const box = scroller.current;
+    if (!box) return;
+    let place = 0;
+    box.addEventListener("scroll", () => (place = box.clientHeight > 0 ? box.scrollTop : place));
+    const resized = new ResizeObserver(() => {
+      if (box.scrollTop === 0) box.scrollTop = place;
+      stir();
+    });
+    resized.observe(box);
     return () => resized.disconnect();
   }, []);
-  /** Scrolls until a row is in sight. */
-  const reach = (at: number): void => {
-    if (scroller.current && at >= 0)
-      scroller.current.scrollTop = scrolledTo(at, open, scroller.current.scrollTop, scroller.current.clientHeight);
-  };
+  useEffect(() => cases.see(first, end), [first, end, count]);
   useEffect(() => reach(flaggedAt), [flagged, flaggedAt < 0]);
+  useEffect(() => reach(openAt), [cases.open.value, openAt < 0, app.isStart.value]);
   useLayoutEffect(() => {
-    if (!wantsFocus.current) return;
-    wantsFocus.current = false;
-    list.current?.querySelector<HTMLElement>(`[data-id="${focused}"] a`)?.focus({ preventScroll: true });
+    const link = list.current?.querySelector<HTMLElement>(`[aria-rowindex="${goal.current + 2}"] a`);
+    if (goal.current < 0 || !link) return;
+    goal.current = -1;
+    link.focus({ preventScroll: true });
   });
-  // Another order and another search begin at the top, once their rows are there.
+  // Another filter and another order begin at the top.
   useLayoutEffect(() => {
     if (scroller.current) scroller.current.scrollTop = 0;
     stir();
-  }, [cases.order.value, cases.search.value]);
+  }, [filter]);
   /** Arrows go from case to case. */
   const walk = (event: KeyboardEvent): void => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const last = wanted.length - 1;
-    const at = wanted.findIndex(({ id }) => id === focused);
+    const at = goal.current < 0 ? focused : goal.current;
     const page = Math.max(Math.floor(height / ROW_PIXELS) - 1, 1);
-    const to = { ArrowDown: at + 1, ArrowUp: at - 1, PageDown: at + page, PageUp: at - page, Home: 0, End: last }[
+    const to = { ArrowDown: at + 1, ArrowUp: at - 1, PageDown: at + page, PageUp: at - page, Home: 0, End: count - 1 }[
       event.key
     ];
     if (to === undefined || at < 0) return;
     event.preventDefault();
-    const next = clamp(to, 0, last);
-    reach(next);
-    wantsFocus.current = true;
-    setFocused(wanted[next]?.id ?? null);
+    goal.current = clamp(to, 0, count - 1);
+    reach(goal.current);
+    stir();
   };
 
-  const count = wanted.length;
-  const [first, end] = rowsInSight(count, scrolled, height);
-  const kept = wanted.flatMap(({ id }, at) => (at === open || id === focused ? [at] : []));
-  const above = kept.filter((at) => at < first);
-  const below = kept.filter((at) => at >= end);
-  const rows = [...above, ...Array.from({ length: end - first }, (_, at) => first + at), ...below];
-  const paddingTop = `${(first - above.length) * ROW_PIXELS}px`;
-  const paddingBottom = `${(count - end - below.length) * ROW_PIXELS}px`;
+  const isKept = focused >= 0 && focused < count && (focused < first || focused >= end);
+  const isAbove = isKept && focused < first;
+  const rows = Array.from({ length: end - first }, (_, at) => first + at);
+  if (isKept) rows[isAbove ? "unshift" : "push"](focused);
+  const paddingTop = `${(first - Number(isAbove)) * ROW_PIXELS}px`;
+  const paddingBottom = `${(count - end - Number(isKept && !isAbove)) * ROW_PIXELS}px`;
   return (
     <div class="case-list-box">
-      <div class="line">
-        <Search id="case-search" label={t("cases.search")} onSearch={(typed) => (cases.search.value = typed)} />
+      <div class="filters">
+        <Search id="case-search" label={t("cases.search")} onSearch={(text) => cases.choose({ text })} />
+        <Choice
+          id="case-status"
+          label={t("cases.status")}
+          values={["", ...STATUSES]}
+          value={filter.status}
+          words={(status) => t(`status.${status || "all"}`)}
+          onChoose={(status) => cases.choose({ status })}
+        />
+        <Choice
+          id="case-days"
+          label={t("cases.days")}
+          values={["", ...DAYS]}
+          value={filter.days}
+          words={(days) => t(`days.${days || "all"}`)}
+          onChoose={(days) => cases.choose({ days })}
+        />
         <Choice
           id="case-order"
           label={t("order.title")}
           values={ORDERS}
-          value={cases.order.value}
+          value={filter.sort}
           words={(order) => t(`order.${order}`)}
-          onChoose={(order) => (cases.order.value = order)}
+          onChoose={(sort) => cases.choose({ sort })}
         />
+        <span class="quiet" id="case-count">
+          {count > 0 && t(count === 1 ? "cases.one" : "cases.count", { count: number(count) })}
+        </span>
       </div>
       <Status id="cases-note" words={cases.note.value} />
-      <div class="case-scroller" ref={scroller} onScroll={stir}>
-        <ul
-          id="case-list"
-          ref={list}
-          style={{ paddingTop, paddingBottom }}
-          onKeyDown={walk}
-          onFocusIn={({ target }) => setFocused((target as Element).closest("li")?.dataset.id ?? null)}
-          onFocusOut={() => setFocused(null)}
-        >
-          {rows.map((at) => {
-            const one = wanted[at] as Case;
-            return (
-              <Row
-                key={one.id}
-                one={one}
-                alike={cases.alike.value.get(shortTitle(one)) ?? []}
-                place={[at + 1, count]}
-                isOpen={at === open}
-                isHidden={one.id !== focused && isCovered(at, open, scrolled, height)}
-                flag={cases.flags.value.get(one.id) ?? ""}
-                choose={() => (cases.chosen = one.id)}
-                remove={() => remove(one)}
-              />
-            );
-          })}
-        </ul>
+      <Trashed app={app} />
+      <div class="case-table" role="table" aria-label={t("cases.title")} aria-rowcount={count + 1} hidden={count === 0}>
+        <div class="case-heads" role="rowgroup">
+          <div class="case" role="row" aria-rowindex={1}>
+            {COLUMNS.map(([name, order]) => (
+              <span key={name} role="columnheader" class={`c-${name}`} aria-sort={sortOf(filter.sort, order)}>
+                {order ? (
+                  <Button
+                    onClick={() =>
+                      cases.choose({ sort: order === filter.sort && order === "newest" ? "oldest" : order })
+                    }
+                  >
+                    {t(`column.${name}`)}
+                  </Button>
+                ) : (
+                  t(`column.${name}`)
+                )}
+              </span>
+            ))}
+          </div>
+        </div>
+        <div class="case-scroller" ref={scroller} onScroll={stir}>
+          <div
+            id="case-list"
+            role="rowgroup"
+            ref={list}
+            style={{ paddingTop, paddingBottom }}
+            onKeyDown={walk}
+            onFocusIn={({ target }) => {
+              const row = (target as Element).closest("[aria-rowindex]");
+              setFocused(Number(row?.getAttribute("aria-rowindex")) - 2);
+            }}
+            onFocusOut={() => goal.current < 0 && setFocused(-1)}
+          >
+            {rows.map((row) => {
+              const one = cases.at(row);
+              return <Row key={one?.id ?? row} app={app} one={one} row={row} />;
+            })}
+          </div>
+        </div>
       </div>
     </div>
   );
 }
 
-interface RowProps {
-  readonly one: Case;
-  readonly alike: readonly Case[];
-  readonly place: readonly [number, number];
-  readonly isOpen: boolean;
-  /** Whether it is taken out of reach, because the open one covers it. */
-  readonly isHidden: boolean;
-  /** Why it is pointed out; empty: it is not. */
-  readonly flag: string;
-  choose(): void;
-  remove(): void;
+/** How a column is sorted, if the list is sorted by it. */
+function sortOf(sort: Order, order: Order | undefined): "ascending" | "descending" | undefined {
+  if (order === "newest" && sort === "oldest") return "ascending";
+  if (order !== sort) return undefined;
+  return order === "label" ? "ascending" : "descending";
 }
 
-function Row({ one, alike, place, isOpen, isHidden, flag, choose, remove }: RowProps) {
-  const version = versionOf(one);
-  const apart = toldApart(one, alike);
-  const isReady = one.state === "ready";
-  const quality = isReady ? one.quality : undefined;
-  const doubts = doubtsOf(quality);
+/** What was put into the trash last is a click away. */
+function Trashed({ app }: { readonly app: App }) {
+  const one = app.trashed.value;
+  return one ? (
+    <p class="trashed">
+      {t("trash.done", { title: caseTitle(one) })}{" "}
+      <Button onClick={() => void app.trash(one, false)}>{t("undo")}</Button>
+    </p>
+  ) : null;
+}
+
+interface RowProps {
+  readonly app: App;
+  /** Null while it is on its way. */
+  readonly one: Listed | null;
+  readonly row: number;
+}
+
+function Row({ app, one, row }: RowProps) {
+  if (!one) return <div class="case" role="row" aria-rowindex={row + 2} aria-busy="true" />;
+  const { cases } = app;
+  const isOpen = one.id === cases.open.value;
+  const flag = cases.flags.value.get(one.id);
   const [begins, ends] = titleParts(caseTitle(one));
+  const status = one.state === "ready" ? t(`status.${one.status}`) : caseStatus(one);
+  const words: Readonly<Partial<Record<Column, string>>> = {
+    series: one.state === "ready" ? seriesWords(one) : "",
+    day: day(one.created_at),
+    layers: one.layers?.join(", ") ?? "",
+    places: one.places === undefined ? "" : number(one.places),
+    findings: one.finding_count > 0 ? number(one.finding_count) : "",
+    reader: one.readers?.join(", ") ?? "",
+  };
+  const away = (): void => void (one.trashed ? app.remove(one) : app.trash(one, true));
   return (
-    <li
+    <div
+      class="case"
+      role="row"
+      aria-rowindex={row + 2}
+      aria-current={isOpen ? "true" : undefined}
       data-id={one.id}
       data-state={one.state}
       title={caseFacts(one)}
-      aria-posinset={place[0]}
-      aria-setsize={place[1]}
-      style={{ visibility: isHidden ? "hidden" : "" }}
     >
-      <a
-        href={`#${one.id}`}
-        aria-keyshortcuts="Delete"
-        aria-current={isOpen ? "true" : undefined}
-        onClick={(event) => {
-          choose();
-          // The case that is open stays as it is.
-          if (isOpen) event.preventDefault();
-        }}
-        onKeyDown={({ key }) => key === "Delete" && mayWrite.peek() && remove()}
-      >
-        <Thumb one={one} />
-        <span class="words">
-          <span class="head">
-            {/* A long title is cut in its middle. */}
-            <span class="title">
-              {ends === "" ? begins : [<span class="begins">{begins}</span>, <span class="ends">{ends}</span>]}
-            </span>
-            {quality && doubts[0] && (
-              <span
-                class="quality-badge"
-                data-verdict={quality.state}
-                title={doubts.map((doubt) => t(`quality.${doubt}`)).join("\n")}
+      {COLUMNS.map(([name]) => (
+        <span key={name} role="cell" class={`c-${name}`}>
+          {name === "label" ? (
+            <>
+              <Thumb one={one} />
+              <a
+                href={`#${one.id}`}
+                aria-keyshortcuts={mayWrite.value ? "Delete" : undefined}
+                onClick={(event) => {
+                  cases.chosen = one.id;
+                  // The case that is open stays as it is.
+                  if (isOpen) event.preventDefault();
+                }}
+                onKeyDown={({ key }) => key === "Delete" && mayWrite.peek() && away()}
               >
-                <span class="visually-hidden">{t(`quality.${doubts[0]}`)}</span>
+                {/* A long title is cut in its middle. */}
+                <span class="title">
+                  {ends === "" ? begins : [<span class="begins">{begins}</span>, <span class="ends">{ends}</span>]}
+                </span>
+              </a>
+              <span class="facts">
+                {flag && <span class="fresh-badge">{flag}</span>}
+                {one.closed && <span class="closed-badge">{t(`closed.${one.closed}`)}</span>}
+                <span class="short-day">{words.day}</span>
+                {/* It names a case without a label above. */}
+                <span class="id">{versionOf(one) || (one.name && one.id.slice(0, 8))}</span>
               </span>
-            )}
-          </span>
-          <span class="facts">
-            {flag && <span class="fresh-badge">{flag}</span>}
-            {one.closed && <span class="closed-badge">{t(`closed.${one.closed}`)}</span>}
-            {/* What tells it apart has the room of its id, which names a case without a label above. */}
-            {one.name && (apart === "" || version !== "") && <span class="id">{one.id.slice(0, 8)}</span>}
-            {/* There is room for one of them. */}
-            {(version === "" || !isReady) && <span class="status">{apart || caseStatus(one)}</span>}
-            {version && <span class="status">{version}</span>}
-          </span>
-          {one.state === "preparing" && (
-            <progress max={1} value={one.progress?.fraction ?? 0} aria-label={t("case.progress")} />
+            </>
+          ) : name === "mask" ? (
+            <Mask one={one} />
+          ) : name === "state" ? (
+            <>
+              <span class="status">{status}</span>
+              {one.state === "preparing" && (
+                <progress max={1} value={one.progress?.fraction ?? 0} aria-label={t("case.progress")} />
+              )}
+              {/* A row is one stop of the tabulator: its key is Delete. */}
+              {mayWrite.value && one.trashed && (
+                <IconButton
+                  icon="undo"
+                  label={t("trash.restore", { title: caseIdentity(one) })}
+                  tabIndex={-1}
+                  onClick={() => void app.trash(one, false)}
+                />
+              )}
+              {mayWrite.value && (
+                <IconButton
+                  icon="trash"
+                  label={t(one.trashed ? "delete.button" : "trash.button", { title: caseIdentity(one) })}
+                  tabIndex={-1}
+                  onClick={away}
+                />
+              )}
+            </>
+          ) : (
+            words[name]
           )}
         </span>
-      </a>
-      {/* A row is one stop of the tabulator: its key is Delete. */}
-      {mayWrite.value && (
-        <IconButton
-          icon="trash"
-          label={t("delete.button", { title: caseIdentity(one) })}
-          tabIndex={-1}
-          onClick={remove}
-        />
-      )}
-    </li>
+      ))}
+    </div>
+  );
+}
+
+/** How far the mask is to be trusted. */
+function Mask({ one }: { readonly one: Case }) {
+  const quality = one.state === "ready" ? one.quality : undefined;
+  const [doubt] = doubtsOf(quality);
+  if (!quality) return null;
+  return doubt ? (
+    <span class="quality-badge" data-verdict={quality.state}>
+      <span>{t(`quality.${doubt}`)}</span>
+    </span>
+  ) : (
+    <span class="quiet">{t("quality.ok")}</span>
   );
 }
 

@@ -9,6 +9,7 @@ import { keyOf } from "../model/keys.ts";
 import { doubtsOf } from "../model/quality.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { LAYOUTS } from "../model/state.ts";
+import { listAddress } from "../model/worklist.ts";
 import { announced } from "../store/announce.ts";
 import { perform, setLayout } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
@@ -32,6 +33,7 @@ export function Frame({ app }: OfApp) {
   const { panel } = preferences.value;
   const hasList = app.hasList.value;
   const viewer = app.viewer.value;
+  const isList = app.isStart.value && !app.cases.isEmpty.value;
   const [barHeight, setBarHeight] = useState(0);
   const bar = useRef<HTMLElement>(null);
   // Where the list lies over the picture, it begins below the bar, which may have several lines.
@@ -56,7 +58,9 @@ export function Frame({ app }: OfApp) {
         <Bar app={app} />
       </header>
       <main
-        class={["page", hasList && "with-sidebar", !(panel && viewer) && "no-panel"].filter(Boolean).join(" ")}
+        class={["page", hasList && "with-sidebar", !(panel && viewer) && "no-panel", isList && "list-alone"]
+          .filter(Boolean)
+          .join(" ")}
         style={{ "--bar-height": `${barHeight}px` }}
       >
         <nav class="sidebar" id="sidebar" aria-label={t("cases.title")} hidden={!hasList}>
@@ -70,7 +74,7 @@ export function Frame({ app }: OfApp) {
               {t("arrivals.open")}
             </Button>
           )}
-          <CaseList cases={app.cases} remove={(one) => void app.remove(one)} />
+          <CaseList app={app} />
         </nav>
         <section class="stage" id="stage" tabIndex={-1} aria-labelledby="case-title">
           <Stage app={app} />
@@ -111,14 +115,22 @@ function Bar({ app }: OfApp) {
     document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
   return (
     <>
-      <IconButton
-        icon="menu"
-        label={t("cases.toggle")}
-        aria-expanded={String(app.hasList.value)}
-        onClick={() => choose({ list: !app.hasList.peek() })}
-      />
+      {/* Where the list has all the room, there is nothing to make room for. */}
+      {!app.isStart.value && (
+        <IconButton
+          icon="menu"
+          label={t("cases.toggle")}
+          aria-expanded={String(app.hasList.value)}
+          onClick={() => choose({ list: !app.hasList.peek() })}
+        />
+      )}
       <h1>Isocortex</h1>
-      <h2 id="case-title">{chosen ? caseTitle(chosen) : t("case.none")}</h2>
+      {chosen && (
+        <a id="to-list" href={listAddress(app.cases.filter.value)}>
+          {t("cases.title")}
+        </a>
+      )}
+      <h2 id="case-title">{chosen ? caseTitle(chosen) : t("cases.title")}</h2>
       {store && (
         <Buttons
           name="layouts"
@@ -148,12 +160,14 @@ function Bar({ app }: OfApp) {
           {name}
         </Button>
       )}
-      <IconButton
-        icon="panel"
-        label={t("panel.toggle")}
-        aria-expanded={String(panel)}
-        onClick={() => choose({ panel: !panel })}
-      />
+      {store && (
+        <IconButton
+          icon="panel"
+          label={t("panel.toggle")}
+          aria-expanded={String(panel)}
+          onClick={() => choose({ panel: !panel })}
+        />
+      )}
       <IconButton icon="settings" id="settings" label={t("settings.title")} onClick={() => settingsDialog(store)} />
       <IconButton icon="help" label={t("help.title")} onClick={helpDialog} />
     </>
@@ -168,8 +182,9 @@ function Stage({ app }: OfApp) {
   const closed = chosen?.closed;
   const isReady = chosen?.state === "ready";
   // Where there is nothing to choose from, files are asked for.
-  const isEmpty = !chosen && absence === "" && app.cases.isListed.value && app.cases.all.value.length === 0;
-  const note = isReady ? absence : chosen ? caseStatus(chosen) : `${absence} ${t("case.choose")}`.trim();
+  const isEmpty = !chosen && absence === "" && app.cases.isEmpty.value;
+  const choice = absence || isEmpty ? `${absence} ${t("case.choose")}`.trim() : "";
+  const note = isReady ? absence : chosen ? caseStatus(chosen) : choice;
   return (
     <>
       <p class="notice-line bad" id="silence" role="alert" hidden={!app.isSilent.value}>

@@ -125,6 +125,7 @@ impl Library {
         let read = async {
             let read = self.read_maps(owner).await.map_err(NotRead::Failed)?;
             let maps = read.ok_or(NotRead::NotStored)?;
+            self.note_places(owner, &maps).await;
             let key = match &owner.layer {
                 None => id.number(),
                 Some(layer) => id.number().rotate_left(1) ^ layer.number(),
@@ -136,6 +137,14 @@ impl Library {
             Ok(known) => Ok(Some((&*known).into())),
             Err(NotRead::Failed(error)) => Err(error),
             Err(NotRead::NotStored) => Ok(None),
+        }
+    }
+
+    /// Notes for lists how many places stand out. Maps are shown without that, too.
+    async fn note_places(&self, owner: Owner, maps: &MapsOrReason) {
+        let Ok(maps) = maps else { return };
+        if let Err(error) = self.store().note_places(owner, maps.standing_out()).await {
+            tracing::warn!(%error, "cannot note how many places of a case stand out");
         }
     }
 
@@ -214,14 +223,15 @@ impl Library {
             let mut payloads = vec![(ObjectKind::Maps, encode_maps(&maps).into())];
             let surfaces = surfaces.map(|surfaces| encode_surfaces(&surfaces).into());
             payloads.extend(surfaces.map(|surfaces| (ObjectKind::Surfaces, surfaces)));
-            Some((payloads, undefined))
+            Some((payloads, undefined, maps))
         };
-        let Some((payloads, undefined)) = self.load(id, KINDS, compute).await? else {
+        let Some((payloads, undefined, maps)) = self.load(id, KINDS, compute).await? else {
             return Ok(());
         };
         let framed = frame_all(payloads).await?;
         let publisher = Publisher::Ready(owner);
         self.store().publish(publisher, &framed).await?;
+        self.note_places(owner, &maps).await;
         self.cache().drop_part(id, Part::Maps(owner.layer));
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(

@@ -179,6 +179,7 @@ mod tests {
                 uploaded_at: time,
                 closed: None,
                 kept: false,
+                trashed: false,
                 expires_at: None,
             },
             series: CaseSeries {

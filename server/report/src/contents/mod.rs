@@ -337,6 +337,7 @@ mod tests {
                 created_at: Timestamp::UNIX_EPOCH,
                 uploaded_at: Timestamp::UNIX_EPOCH,
                 kept: false,
+                trashed: false,
                 expires_at: None,
                 closed: None,
             },

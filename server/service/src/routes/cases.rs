@@ -39,6 +39,9 @@ pub struct CaseView {
     created_at: String,
     /// Whether it is never removed because of its age.
     kept: bool,
+    /// Whether it is in the trash: lists leave it out. Absent if it is not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    trashed: bool,
     /// Why it is closed; absent if it is open. `corrected`: the PACS has sent another image under the UID of one that it was made of: another
     /// patient, another place, or other pixels; `rejected`: the PACS has rejected an image that it was made of. Nothing of a closed case is sent
     /// to a node. All answers that show the case have the reason in `X-Isocortex-Closed`.
@@ -298,6 +301,7 @@ impl From<Case> for CaseView {
             created_at: case.created_at.to_string(),
             closed: case.closed.map(Closed::name),
             kept: case.kept,
+            trashed: case.trashed,
             expires_at: case.expires_at.map(|time| time.to_string()),
             progress: case.progress,
             error: case
@@ -419,10 +423,14 @@ pub async fn list_cases(
     query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
     let ListValues { after, limit } = query.values;
-    let all = storage::CaseQuery::default();
+    let all = storage::CaseQuery {
+        trashed: Some(false),
+        ..Default::default()
+    };
     let page = cases.store().cases(&all, after.as_ref(), limit).await?;
+    let listed = page.cases.into_iter();
     let page = CasePage {
-        cases: page.cases.into_iter().map(CaseView::from).collect(),
+        cases: listed.map(|listed| listed.case.into()).collect(),
         next: page.next.map(|cursor| cursor.to_string()),
     };
     Ok(fresh_json(StatusCode::OK, &page))
@@ -484,10 +492,11 @@ async fn view_of(cases: &Cases, id: &CaseId) -> Result<CaseView, AppError> {
     Ok(view)
 }
 
-/// Rename a case, or keep it
+/// Rename a case, keep it, or put it into the trash
 ///
-/// A kept case is never removed because of its age, even if the server removes others (`storage.keep_days`). It can
-/// still be deleted. The label does not affect the id. A version of the case is a case of its own.
+/// Lists leave a case in the trash out; everything else about it is as before, until it is deleted or taken out. A kept
+/// case is never removed because of its age, even if the server removes others (`storage.keep_days`). It can still be
+/// deleted. The label does not affect the id. A version of the case is a case of its own.
 #[utoipa::path(
     patch, path = "/v1/cases/{id}", tag = "cases",
     params(("id" = String, Path, description = "The case")),

@@ -160,12 +160,8 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
                     Audited::Export,
                     routes!(renders::create_renders),
                 )
-                // What identifies a patient is in its body, not in an address. It shows patients.
-                .with(
-                    Scope::Read,
-                    Audited::Identity,
-                    routes!(search::search_cases),
-                )
+                // What identifies a patient is in its body, not in an address. Its answer says whether it shows patients.
+                .with(Scope::Read, Audited::Query, routes!(search::search_cases))
                 .map(|routes| routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES))),
         )
         .map(|routes| {

@@ -1,5 +1,7 @@
-//! Cases by label, state, day, study, series, accession number and Patient ID. The request is in a body, because addresses are
-//! logged.
+//! Cases by label, state, day, study, series, accession number and Patient ID, in the order that a worklist needs. The request is in
+//! a body, because addresses are logged.
+
+use access::audited::NamesPatient;
 
 use axum::body::Bytes;
 use axum::extract::State;
@@ -9,12 +11,12 @@ use axum::response::Response;
 use case::CaseState;
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use cases::Cases;
-use cases::search::Found;
+use cases::search::{Found, FoundPage};
 use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
-use storage::{CaseQuery, Cursor};
+use storage::{CaseQuery, Cursor, Order, Status};
 use utoipa::ToSchema;
 
 use super::cases::CaseView;
@@ -46,12 +48,32 @@ pub struct CaseSearch {
     accession_number: Option<String>,
     /// The Patient ID, exactly.
     patient_id: Option<String>,
+    /// A part of the label or of the name of somebody who has written findings, or the beginning of the id: 1 to 100 characters.
+    text: Option<String>,
+    /// What is to be done: `preparing` (also if it waits for that), `failed`, `new` (ready, and nothing is written about it) or `begun`.
+    status: Option<String>,
+    /// Whether they are in the trash.
+    #[serde(default)]
+    trashed: bool,
+    /// `newest` (the default), `oldest`, `label`, `places` or `findings`: the most first.
+    sort: Option<String>,
+    /// Whether the answer states whose they are. If it does, and if a condition is a study, a series, an accession number or a patient,
+    /// that is recorded in the audit record each time; a list that is asked for again and again does without.
+    #[serde(default = "yes")]
+    #[schema(default = true)]
+    patients: bool,
+    /// The number of cases to pass over, in any order; the answer then has their `total`. Not together with `after`.
+    skip: Option<usize>,
     /// The number of cases.
     #[serde(default = "usual_page")]
     #[schema(minimum = 1, maximum = 200, default = 50)]
     limit: usize,
-    /// `next` of the page before.
+    /// `next` of the page before, newest first.
     after: Option<String>,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// A case that was found. It leads to a patient.
@@ -60,6 +82,19 @@ pub struct CaseSearch {
 struct FoundView {
     #[serde(flatten)]
     case: CaseView,
+    /// What is to be done, as in the conditions.
+    status: &'static str,
+    /// How many places of its maps stand out; absent if that is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    places: Option<u32>,
+    /// The number of findings, without places that were dismissed.
+    finding_count: u32,
+    /// Who has written findings, as they named themselves; absent if nobody has.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    readers: Vec<String>,
+    /// The names of its layers; absent without one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    layers: Vec<String>,
     /// The Study Instance UID, for a case from DICOM.
     #[serde(skip_serializing_if = "Option::is_none")]
     study: Option<String>,
@@ -84,19 +119,28 @@ impl From<Found> for FoundView {
             series: series.map(|series| series.uids.series.as_str().to_owned()),
             accession_number: number.map(|number| number.as_str().to_owned()),
             patient: patient.filter(|words| !words.is_empty()),
-            case: found.case.into(),
+            status: found.listed.status.name(),
+            places: found.listed.places,
+            finding_count: found.listed.findings,
+            readers: found.listed.readers,
+            layers: found.listed.layers,
+            case: found.listed.case.into(),
         }
     }
 }
 
 /// A page of cases that were found.
 #[derive(Serialize, ToSchema)]
-struct FoundPage {
-    /// Newest first.
+#[schema(as = FoundPage)]
+struct FoundPageView {
+    /// In the order that was asked for.
     cases: Vec<FoundView>,
-    /// The value of `after` for the next page; absent on the last page.
+    /// The value of `after` for the next page, newest first; absent on the last page, and in another order.
     #[serde(skip_serializing_if = "Option::is_none")]
     next: Option<String>,
+    /// How many cases fulfil the conditions; only with `skip`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    total: Option<u64>,
 }
 
 /// The value of a key, if it is given. What the client wrote may be patient data, so it is not repeated.
@@ -124,7 +168,23 @@ impl CaseSearch {
             (1..=MAX_LABEL).contains(&length).then(|| text.to_owned())
         };
         let day = |text: &str| text.parse::<Date>().ok();
+        let order = value(
+            "sort",
+            self.sort.as_ref(),
+            "`newest`, `oldest`, `label`, `places` or `findings`",
+            Order::from_name,
+        )?;
         Ok(CaseQuery {
+            text: value("text", self.text.as_ref(), "1 to 100 characters", label)?,
+            status: value(
+                "status",
+                self.status.as_ref(),
+                "`preparing`, `failed`, `new` or `begun`",
+                Status::from_name,
+            )?,
+            trashed: Some(self.trashed),
+            order: order.unwrap_or_default(),
+            skip: self.skip,
             label: value("label", self.label.as_ref(), "1 to 100 characters", label)?,
             state: value(
                 "state",
@@ -156,13 +216,13 @@ impl CaseSearch {
 
 /// Find cases
 ///
-/// The cases that fulfil all conditions of the body, newest first; without a condition, all. The answer shows patients, which is
-/// recorded in the audit record; no cache may store it.
+/// The cases that fulfil all conditions of the body; without a condition, all that are not in the trash. The answer shows patients, which
+/// is recorded in the audit record, unless the body forgoes them; no cache may store it.
 #[utoipa::path(
     post, path = "/v1/cases/search", tag = "cases",
     request_body = CaseSearch,
     responses(
-        (status = 200, description = "A page of the cases that were found", body = FoundPage),
+        (status = 200, description = "A page of the cases that were found", body = FoundPageView),
         (status = 400, description = "The body cannot be read, or a value is invalid"),
     )
 )]
@@ -175,14 +235,27 @@ pub async fn search_cases(
     if !(1..=MAX_PAGE).contains(&asked.limit) {
         return Err(AppError::wrong_in_body("limit", "1 to 200"));
     }
-    let cursor = "`next` of the page before";
-    let after = value("after", asked.after.as_ref(), cursor, Cursor::parse)?;
-    let (found, next) = cases
-        .search(&asked.query()?, after.as_ref(), asked.limit)
+    let query = asked.query()?;
+    let has_cursor = query.order == Order::Newest && query.skip.is_none();
+    let cursor = "`next` of the page before, newest first and without `skip`";
+    let parse = |text: &str| Cursor::parse(text).filter(|_| has_cursor);
+    let after = value("after", asked.after.as_ref(), cursor, parse)?;
+    let FoundPage { cases, next, total } = cases
+        .search(&query, after.as_ref(), asked.limit, asked.patients)
         .await?;
-    let page = FoundPage {
-        cases: found.into_iter().map(FoundView::from).collect(),
+    let page = FoundPageView {
+        cases: cases.into_iter().map(FoundView::from).collect(),
         next: next.map(|cursor| cursor.to_string()),
+        total,
     };
-    Ok(fresh_json(StatusCode::OK, &page))
+    let mut response = fresh_json(StatusCode::OK, &page);
+    // What is found by whose it is tells whose it is.
+    let is_of_patient = query.study.is_some()
+        || query.series.is_some()
+        || query.accession_number.is_some()
+        || query.patient.is_some();
+    if asked.patients || is_of_patient {
+        response.extensions_mut().insert(NamesPatient);
+    }
+    Ok(response)
 }

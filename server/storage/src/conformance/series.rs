@@ -139,7 +139,10 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
     let found = async |query: CaseQuery| {
         let page = store.cases(&query, None, 9).await.unwrap();
         assert_eq!(page.next, None);
-        page.cases.iter().map(|case| case.id).collect::<Vec<_>>()
+        page.cases
+            .iter()
+            .map(|listed| listed.case.id)
+            .collect::<Vec<_>>()
     };
     let every = CaseQuery::default;
     let label = |text: &str| CaseQuery {
@@ -203,12 +206,12 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
     assert_eq!(found(all).await, [second]);
     // Pages are those of what is found.
     let page = store.cases(&study("1.2.3"), None, 1).await.unwrap();
-    assert_eq!(page.cases[0].id, second);
+    assert_eq!(page.cases[0].case.id, second);
     let page = store
         .cases(&study("1.2.3"), page.next.as_ref(), 1)
         .await
         .unwrap();
-    assert_eq!((page.cases[0].id, page.next), (first, None));
+    assert_eq!((page.cases[0].case.id, page.next), (first, None));
     store.delete_rows(&second).await.unwrap();
     assert_eq!(found(patient("P-2")).await, []);
 }

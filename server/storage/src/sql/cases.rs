@@ -2,13 +2,13 @@
 
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row, Value, containing};
+use super::connection::{Connection, Row, Value, containing, unreadable};
 use super::made::{self, read_closed};
 use super::{findings, jobs, layers, owners, series};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{Made, NewCase, Pinned, Published, Referred, Submitted};
-use crate::{CaseQuery, Cursor, Page, Store, StoreError};
+use crate::rows::{Made, NewCase, Owner, Pinned, Published, Referred, Submitted};
+use crate::{CaseQuery, Cursor, Listed, Order, Page, Status, Store, StoreError};
 use case::images::Closed;
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseChange, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
@@ -27,7 +27,7 @@ impl Store {
         Ok(read?.map(|case| self.completed(case)))
     }
 
-    /// At most `limit` cases of a search after a cursor, newest first.
+    /// At most `limit` cases of a search, after a cursor if they are listed newest first.
     ///
     /// # Errors
     /// If the rows cannot be read.
@@ -47,8 +47,11 @@ impl Store {
                 read => break read?,
             }
         };
-        let cases = page.cases.into_iter();
-        page.cases = cases.map(|case| self.completed(case)).collect();
+        let completed = |listed: Listed| Listed {
+            case: self.completed(listed.case),
+            ..listed
+        };
+        page.cases = page.cases.into_iter().map(completed).collect();
         Ok(page)
     }
 
@@ -97,7 +100,7 @@ impl Store {
         Ok(Some(known))
     }
 
-    /// Renames a case, or keeps it for good or no longer; returns whether it exists.
+    /// Renames a case, keeps it for good or no longer, or puts it into the trash or takes it out; returns whether it exists.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
@@ -105,12 +108,46 @@ impl Store {
         let (mut transaction, _) = self.write().await?;
         let changed = transaction
             .execute(
-                "UPDATE cases SET name = coalesce($1, name), kept = coalesce($2, kept) WHERE id = $3",
-                args![&change.name, change.kept, id.to_string()],
+                "UPDATE cases SET name = coalesce($1, name), kept = coalesce($2, kept), trashed = coalesce($3, trashed) WHERE id = $4",
+                args![&change.name, change.kept, change.trashed, id.to_string()],
             )
             .await?;
         transaction.commit().await?;
         Ok(changed > 0)
+    }
+
+    /// Notes how many places of the maps of a case, or of the map of its layer, stand out.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn note_places(&self, owner: Owner, places: usize) -> Result<(), StoreError> {
+        let places = i64::try_from(places).unwrap_or(i64::MAX);
+        let [case, layer] = owner.columns();
+        let [read, write] = match owner.layer {
+            None => [
+                "SELECT places FROM cases WHERE id = $1 AND $2 = ''",
+                "UPDATE cases SET places = $3 WHERE id = $1 AND $2 = ''",
+            ],
+            Some(_) => [
+                "SELECT places FROM layers WHERE case_id = $1 AND id = $2",
+                "UPDATE layers SET places = $3 WHERE case_id = $1 AND id = $2",
+            ],
+        };
+        // Maps are read often, and nobody waits for the writer for what is known.
+        let known = self
+            .connect()
+            .await?
+            .fetch_optional(read, args![&case, &layer])
+            .await?;
+        let Some(known) = known else { return Ok(()) };
+        if known.get::<Option<i64>>("places")? == Some(places) {
+            return Ok(());
+        }
+        let (mut transaction, _) = self.write().await?;
+        transaction
+            .execute(write, args![&case, &layer, places])
+            .await?;
+        transaction.commit().await
     }
 
     /// Doubts the axes of a ready case, because another one has the same voxels with other axes; nothing if it has no verdict.
@@ -196,19 +233,20 @@ impl Store {
         let written = transaction
             .execute(
                 "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
-                                    uploaded_at, kept, previous)
-                 VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
+                                    uploaded_at, kept, trashed, previous)
+                 VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, (SELECT id FROM cases WHERE id = $14))
                  ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
                                                 facts = excluded.facts, facts_digest = excluded.facts_digest,
                                                 voxels = excluded.voxels,
-                                                uploaded_at = excluded.uploaded_at, kept = excluded.kept
+                                                uploaded_at = excluded.uploaded_at, kept = excluded.kept,
+                                                trashed = excluded.trashed
                  WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
                 args![
                     case.id.to_string(), case.parameters.closing_radius_mm,
                     without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure,
                     facts, digest,
                     case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
-                    case.uploaded_at.as_microsecond(), case.kept,
+                    case.uploaded_at.as_microsecond(), case.kept, case.trashed,
                     case.previous.map(|id| id.to_string()),
                 ],
             )
@@ -229,51 +267,113 @@ impl Store {
     }
 }
 
-/// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
+/// The columns of a case with its job's progress, which `read` understands; others may follow.
+macro_rules! case_columns {
+    () => {
+        "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
+                COALESCE(uploaded_at, created_at) AS uploaded_at, kept, trashed, previous,
+                closed,
+                (SELECT jobs.state FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
+                 AND jobs.state IN ('queued', 'running')) AS job_state,
+                (SELECT jobs.progress FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
+                 AND jobs.state IN ('queued', 'running')) AS progress,
+                (SELECT string_agg(version.id, ',' ORDER BY version.created_at, version.id) FROM cases AS version
+                 WHERE version.previous = cases.id) AS next"
+    };
+}
+
+/// A case. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_case {
     ($rest:literal) => {
+        concat!(case_columns!(), " FROM cases ", $rest)
+    };
+}
+
+/// How many places of the maps of a case stand out, with those of its newest FLAIR; NULL if that is not known.
+macro_rules! places {
+    () => {
+        "places + coalesce((SELECT layers.places FROM layers WHERE layers.case_id = cases.id AND layers.places IS NOT NULL
+                            ORDER BY layers.created_at DESC LIMIT 1), 0)"
+    };
+}
+
+/// The number of findings of a case; NULL without a document.
+macro_rules! kept_findings {
+    () => {
+        "(SELECT findings.kept FROM findings WHERE findings.case_id = cases.id)"
+    };
+}
+
+/// What is to be done with a case: one of [`Status`].
+macro_rules! status {
+    () => {
+        "CASE state WHEN 'queued' THEN 'preparing' WHEN 'failed' THEN 'failed'
+         ELSE CASE WHEN EXISTS (SELECT 1 FROM findings WHERE findings.case_id = cases.id AND findings.document <> '[]')
+              THEN 'begun' ELSE 'new' END END"
+    };
+}
+
+/// The conditions of a search; the first ones have an index.
+macro_rules! conditions {
+    ($($by:tt)*) => {
         concat!(
-            "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
-                    COALESCE(uploaded_at, created_at) AS uploaded_at, kept, previous,
-                    closed,
-                    (SELECT jobs.state FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
-                     AND jobs.state IN ('queued', 'running')) AS job_state,
-                    (SELECT jobs.progress FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
-                     AND jobs.state IN ('queued', 'running')) AS progress,
-                    (SELECT string_agg(version.id, ',' ORDER BY version.created_at, version.id) FROM cases AS version
-                     WHERE version.previous = cases.id) AS next
-             FROM cases ",
-            $rest
+            $($by)*,
+            " AND (created_at, id) < ($1, $2) AND created_at >= $3
+              AND ($4 = '' OR lower(name) LIKE lower($4) ESCAPE '!')
+              AND $5 IN ('', CASE WHEN state = 'queued' AND EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'prepare'
+                                       AND jobs.key = cases.id AND jobs.state = 'running')
+                                  THEN 'preparing' ELSE state END)
+              AND ($6 = '' OR lower(name) LIKE lower($6) ESCAPE '!' OR id LIKE lower(substr($6, 2)) ESCAPE '!'
+                   OR EXISTS (SELECT 1 FROM findings WHERE findings.case_id = cases.id
+                              AND lower(findings.readers) LIKE lower($6) ESCAPE '!'))
+              AND $7 IN ('', ",
+            status!(),
+            ") AND (trashed = $8 OR $8 IS NULL) "
         )
     };
 }
 
-/// A page of cases. Further conditions may follow.
-macro_rules! select_listed {
-    ($($conditions:tt)*) => {
-        concat!(
-            select_case!(
-                "WHERE (created_at, id) < ($1, $2) AND created_at >= $4
-                   AND ($5 = '' OR lower(name) LIKE lower($5) ESCAPE '!')
-                   AND $6 IN ('', CASE WHEN state = 'queued' AND EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'prepare'
-                                            AND jobs.key = cases.id AND jobs.state = 'running')
-                                       THEN 'preparing' ELSE state END) "
-            ),
-            $($conditions)*,
-            " ORDER BY created_at DESC, id DESC LIMIT $3"
-        )
-    };
-}
-
-/// A page of cases that were made of certain series.
-macro_rules! select_found {
+/// Cases that were made of certain series, of which one key has an index.
+macro_rules! made_of {
     ($by:literal) => {
-        select_listed!(concat!(
-            "AND id IN (SELECT case_id FROM case_series WHERE ",
+        concat!(
+            "id IN (SELECT case_id FROM case_series WHERE ",
             $by,
-            " AND (study_uid = $7 OR $7 IS NULL) AND (series_uid = $8 OR $8 IS NULL)
-              AND (accession_number = $9 OR $9 IS NULL) AND (patient = $10 OR $10 IS NULL))"
-        ))
+            " AND (study_uid = $9 OR $9 IS NULL) AND (series_uid = $10 OR $10 IS NULL)
+              AND (accession_number = $11 OR $11 IS NULL) AND (patient = $12 OR $12 IS NULL))"
+        )
+    };
+}
+
+/// The page of cases that fulfil conditions, in an order. What is stated about each is read for these alone.
+macro_rules! select_page {
+    ([$($by:tt)*], [$($order:tt)*]) => {
+        concat!(
+            case_columns!(),
+            ", ", places!(), " AS standing_out, ", kept_findings!(), " AS findings, ", status!(), " AS status,
+             (SELECT findings.readers FROM findings WHERE findings.case_id = cases.id) AS readers,
+             (SELECT string_agg(layers.name, '\n' ORDER BY layers.place, layers.id) FROM layers
+              WHERE layers.case_id = cases.id) AS layers
+             FROM cases WHERE id IN (SELECT id FROM cases WHERE ",
+            conditions!($($by)*), $($order)*, " LIMIT $13 OFFSET $14)",
+            $($order)*
+        )
+    };
+}
+
+/// How many cases a search finds; a page of them, newest first; and one in the order of `$15`.
+macro_rules! search {
+    ($($by:tt)*) => {
+        [
+            concat!("SELECT count(*) AS count FROM cases WHERE ", conditions!($($by)*)),
+            select_page!([$($by)*], [" ORDER BY created_at DESC, id DESC"]),
+            select_page!([$($by)*], [concat!(
+                " ORDER BY CASE $15 WHEN 'label' THEN lower(name) END NULLS LAST,
+                  CASE $15 WHEN 'oldest' THEN -created_at WHEN 'places' THEN coalesce(", places!(), ", -1)
+                           WHEN 'findings' THEN coalesce(", kept_findings!(), ", 0) END DESC,
+                  created_at DESC, id DESC"
+            )]),
+        ]
     };
 }
 
@@ -539,31 +639,75 @@ async fn page(
     let series = query.series.as_ref().map(Uid::as_str);
     let number = query.accession_number.as_ref().map(AccessionNumber::as_str);
     let patient = query.patient.map(PatientDigest::to_hex);
-    // Each statement begins with what has an index.
-    let statement = match (study, number, &patient, series) {
-        (Some(_), ..) => select_found!("study_uid = $7"),
-        (_, Some(_), ..) => select_found!("accession_number = $9"),
-        (_, _, Some(_), _) => select_found!("patient = $10"),
-        (.., Some(_)) => select_found!("series_uid = $8"),
-        (None, None, None, None) => select_listed!(""),
+    let [count, newest, sorted] = match (study, number, &patient, series) {
+        (Some(_), ..) => search!(made_of!("study_uid = $9")),
+        (_, Some(_), ..) => search!(made_of!("accession_number = $11")),
+        (_, _, Some(_), _) => search!(made_of!("patient = $12")),
+        (.., Some(_)) => search!(made_of!("series_uid = $10")),
+        (None, None, None, None) => search!("coalesce($9, $10, $11, $12) IS NULL"),
     };
-    let label = query.label.as_deref();
-    let mut args: Vec<Value> = args![
-        created_at,
-        id,
-        i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX),
-        query.since.map_or(i64::MIN, Timestamp::as_microsecond),
-        label.map_or_else(String::new, containing),
-        query.state.map_or("", CaseState::name)
-    ];
-    if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
-        args.append(&mut args![study, series, number, patient]);
+    let part = |text: &Option<String>| text.as_deref().map_or_else(String::new, containing);
+    let conditions = || -> Vec<Value> {
+        args![
+            created_at,
+            id,
+            query.since.map_or(i64::MIN, Timestamp::as_microsecond),
+            part(&query.label),
+            query.state.map_or("", CaseState::name),
+            part(&query.text),
+            query.status.map_or("", Status::name),
+            query.trashed,
+            study,
+            series,
+            number,
+            &patient,
+        ]
+    };
+    let number = |number: usize| i64::try_from(number).unwrap_or(i64::MAX);
+    let total = match query.skip {
+        None => None,
+        Some(_) => {
+            let row = connection.fetch_one(count, conditions()).await?;
+            Some(u64::try_from(row.get::<i64>("count")?).unwrap_or_default())
+        }
+    };
+    let mut args = conditions();
+    args.extend::<Vec<Value>>(args![
+        number(limit.saturating_add(1)),
+        number(query.skip.unwrap_or_default()),
+    ]);
+    let is_newest = query.order == Order::Newest;
+    if !is_newest {
+        args.push(query.order.name().into());
     }
+    let statement = if is_newest { newest } else { sorted };
     let rows = connection.fetch_all(statement, args).await?;
-    let cases = rows.iter().map(read).collect::<Result<_, _>>()?;
-    let place = |case: &Case| (case.created_at, case.id.to_string());
-    let (cases, next) = Cursor::page(cases, limit, place);
-    Ok(Page { cases, next })
+    let listed = rows.iter().map(read_listed).collect::<Result<_, _>>()?;
+    let place = |listed: &Listed| (listed.case.created_at, listed.case.id.to_string());
+    let (cases, next) = Cursor::page(listed, limit, place);
+    let next = next.filter(|_| is_newest);
+    Ok(Page { cases, next, total })
+}
+
+fn read_listed(row: &Row) -> Result<Listed, StoreError> {
+    let status: String = row.get("status")?;
+    let count = |column: &str| -> Result<Option<u32>, StoreError> {
+        let count: Option<i64> = row.get(column)?;
+        Ok(count.and_then(|count| u32::try_from(count).ok()))
+    };
+    let lines = |column: &str| -> Result<Vec<String>, StoreError> {
+        let text: Option<String> = row.get(column)?;
+        let text = text.unwrap_or_default();
+        Ok(text.lines().map(str::to_owned).collect())
+    };
+    Ok(Listed {
+        case: read(row)?,
+        status: Status::from_name(&status).ok_or_else(|| unreadable("a status"))?,
+        places: count("standing_out")?,
+        findings: count("findings")?.unwrap_or_default(),
+        readers: lines("readers")?,
+        layers: lines("layers")?,
+    })
 }
 
 fn read(row: &Row) -> Result<Case, StoreError> {
@@ -608,6 +752,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
         uploaded_at: time("uploaded_at")?,
         closed: read_closed(row, "closed")?,
         kept: row.get("kept")?,
+        trashed: row.get("trashed")?,
         expires_at: None,
     })
 }

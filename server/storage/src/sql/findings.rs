@@ -97,14 +97,16 @@ async fn put(
     findings: &StoredFindings,
     now: i64,
 ) -> Result<(), StoreError> {
+    let (kept, readers) = findings.summary()?;
     connection
         .execute(
-            "INSERT INTO findings (case_id, document, digest, changed_at) VALUES ($1, $2, $3, $4)
+            "INSERT INTO findings (case_id, document, digest, changed_at, kept, readers) VALUES ($1, $2, $3, $4, $5, $6)
              ON CONFLICT (case_id) DO UPDATE SET document = excluded.document, digest = excluded.digest,
-                                                 changed_at = excluded.changed_at",
+                                                 changed_at = excluded.changed_at, kept = excluded.kept,
+                                                 readers = excluded.readers",
             args![
                 id.to_string(), findings.document.clone(), findings.version.digest().to_string(),
-                now,
+                now, kept, readers,
             ],
         )
         .await?;
@@ -119,8 +121,8 @@ pub(super) async fn inherit(
 ) -> Result<(), StoreError> {
     connection
         .execute(
-            "INSERT INTO findings (case_id, document, digest, changed_at)
-             SELECT $1, document, digest, changed_at FROM findings WHERE case_id = $2",
+            "INSERT INTO findings (case_id, document, digest, changed_at, kept, readers)
+             SELECT $1, document, digest, changed_at, kept, readers FROM findings WHERE case_id = $2",
             args![case.to_string(), previous.to_string()],
         )
         .await?;

@@ -292,7 +292,7 @@ mod tests {
         std::fs::copy(log_of(file), log_of(&copy)).unwrap();
         let store = at(&copy).await.unwrap();
         let page = store.cases(&CaseQuery::default(), None, 1).await.unwrap();
-        page.cases[0].parameters.name.clone()
+        page.cases[0].case.parameters.name.clone()
     }
 
     fn log_of(file: &Path) -> std::path::PathBuf {

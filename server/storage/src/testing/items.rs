@@ -67,7 +67,7 @@ pub(crate) async fn job(store: &Store, id: &str) -> Option<Job> {
 pub(crate) async fn rename(store: &Store, id: &CaseId, name: &str) {
     let change = CaseChange {
         name: Some(name.to_owned()),
-        kept: None,
+        ..CaseChange::default()
     };
     store.change_case(id, &change).await.unwrap();
 }
@@ -76,8 +76,8 @@ pub(crate) async fn rename(store: &Store, id: &CaseId, name: &str) {
 #[cfg(test)]
 pub(crate) async fn keep(store: &Store, id: &CaseId, kept: bool) -> bool {
     let change = CaseChange {
-        name: None,
         kept: Some(kept),
+        ..CaseChange::default()
     };
     store.change_case(id, &change).await.unwrap()
 }

@@ -15,7 +15,7 @@ use case::{
 #[cfg(test)]
 pub(crate) use self::items::{claim, job, keep, new_case, pinned, rename, waiting};
 use super::upkeep::all_objects_of;
-use super::{CaseQuery, ObjectName, Store};
+use super::{CaseQuery, Listed, ObjectName, Store};
 
 /// The facts of a case, made up.
 pub fn facts() -> CaseFacts {
@@ -123,7 +123,7 @@ pub fn objects_below(folder: &Path) -> Vec<PathBuf> {
 pub async fn assert_nothing_left_over(store: &Store, root: &Path) {
     assert_eq!(files_below(&root.join("uploads")), Vec::<PathBuf>::new());
     let mut needed = Vec::new();
-    for case in store
+    for Listed { case, .. } in store
         .cases(&CaseQuery::default(), None, 1000)
         .await
         .unwrap()

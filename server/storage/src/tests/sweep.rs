@@ -140,7 +140,8 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
         .await
         .unwrap()
         .cases;
-    assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);
+    let left: Vec<_> = left.iter().map(|listed| listed.case.id).collect();
+    assert_eq!(left, [kept]);
     let needed = store.objects_of(&kept).await.unwrap().len();
     assert_eq!(objects_below(directory.path()).len(), needed);
 }

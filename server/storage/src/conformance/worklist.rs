@@ -1,0 +1,141 @@
+//! Checks of the list of cases: what it states, its filters and its orders.
+
+use super::layers::{insert_layer, ready_case};
+use super::{Subject, insert};
+use crate::testing::{claim, rename};
+use crate::{CaseQuery, Listed, Order, Status, Store};
+use case::{CaseChange, CaseId};
+
+async fn listed(store: &Store, query: CaseQuery) -> Vec<Listed> {
+    store.cases(&query, None, 9).await.unwrap().cases
+}
+
+async fn found(store: &Store, query: CaseQuery) -> Vec<CaseId> {
+    let listed = listed(store, query).await;
+    listed.iter().map(|listed| listed.case.id).collect()
+}
+
+async fn write(store: &Store, id: &CaseId, document: &str) {
+    let before = store.findings(id).await.unwrap().version;
+    let replaced = store.replace_findings(id, before, document.to_owned());
+    replaced.await.unwrap();
+}
+
+pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject: &Subject) {
+    let store = &subject.store;
+    let mut ids = Vec::new();
+    for contents in ["first", "second", "third"] {
+        ids.push(ready_case(store, contents).await.id);
+        subject.pass(60);
+    }
+    let waits = insert(store, "waits").await.id;
+    assert!(
+        claim(store).await.is_some(),
+        "one that is being prepared waits no less"
+    );
+    let [first, second, third] = [0, 1, 2].map(|number: usize| ids[number]);
+    for (id, label) in [(first, "b"), (second, "A"), (third, "c")] {
+        rename(store, &id, label).await;
+    }
+    write(
+        store,
+        &first,
+        r#"[{"author": "Zoe"}, {"author": "Ana"}, {"author": "Ana", "is_dismissed": true}, {}]"#,
+    )
+    .await;
+    write(store, &second, "[]").await;
+    insert_layer(store, &first, "a layer").await;
+    store.note_places((&first).into(), 1).await.unwrap();
+    store.note_places((&third).into(), 4).await.unwrap();
+
+    let all = listed(store, CaseQuery::default()).await;
+    let stated: Vec<_> = all
+        .iter()
+        .map(|one| (one.case.id, one.status, one.places, one.findings))
+        .collect();
+    assert_eq!(
+        stated,
+        [
+            (waits, Status::Preparing, None, 0),
+            (third, Status::New, Some(4), 0),
+            (second, Status::New, None, 0),
+            (first, Status::Begun, Some(1), 3),
+        ]
+    );
+    assert_eq!(all[3].readers, ["Ana", "Zoe"]);
+    assert_eq!(all[3].layers, ["pet"]);
+
+    let sorted = async |order| {
+        let query = CaseQuery {
+            order,
+            ..CaseQuery::default()
+        };
+        found(store, query).await
+    };
+    assert_eq!(sorted(Order::Oldest).await, [first, second, third, waits]);
+    assert_eq!(sorted(Order::Label).await, [second, first, third, waits]);
+    assert_eq!(sorted(Order::Places).await, [third, first, waits, second]);
+    assert_eq!(sorted(Order::Findings).await, [first, waits, third, second]);
+
+    let of = async |status| {
+        let query = CaseQuery {
+            status: Some(status),
+            ..CaseQuery::default()
+        };
+        found(store, query).await
+    };
+    assert_eq!(of(Status::Begun).await, [first]);
+    assert_eq!(of(Status::New).await, [third, second]);
+    assert_eq!(of(Status::Preparing).await, [waits]);
+    assert_eq!(of(Status::Failed).await, []);
+
+    let text = async |text: &str| {
+        let query = CaseQuery {
+            text: Some(text.to_owned()),
+            ..CaseQuery::default()
+        };
+        found(store, query).await
+    };
+    assert!(text("a").await.contains(&second));
+    assert_eq!(text("zO").await, [first], "who has read it");
+    assert_eq!(text(&waits.to_string()[..8]).await, [waits]);
+    assert_eq!(text("%").await, [], "no pattern");
+}
+
+pub(crate) async fn a_list_is_paged_by_position_and_leaves_the_trash_out(subject: &Subject) {
+    let store = &subject.store;
+    let mut ids = Vec::new();
+    for contents in ["a", "b", "c", "d", "e"] {
+        ids.push(insert(store, contents).await.id);
+        subject.pass(60);
+    }
+    let trashed = CaseChange {
+        trashed: Some(true),
+        ..CaseChange::default()
+    };
+    assert!(store.change_case(&ids[2], &trashed).await.unwrap());
+    assert!(store.case(&ids[2]).await.unwrap().unwrap().trashed);
+    let page = async |order, skip| {
+        let query = CaseQuery {
+            trashed: Some(false),
+            order,
+            skip: Some(skip),
+            ..CaseQuery::default()
+        };
+        let page = store.cases(&query, None, 2).await.unwrap();
+        let ids: Vec<_> = page.cases.iter().map(|listed| listed.case.id).collect();
+        (ids, page.total)
+    };
+    let oldest = Order::Oldest;
+    assert_eq!(page(oldest, 0).await, (vec![ids[0], ids[1]], Some(4)));
+    assert_eq!(page(oldest, 2).await, (vec![ids[3], ids[4]], Some(4)));
+    assert_eq!(page(oldest, 9).await, (vec![], Some(4)));
+    assert_eq!(page(Order::Newest, 3).await, (vec![ids[0]], Some(4)));
+    let in_trash = CaseQuery {
+        trashed: Some(true),
+        ..CaseQuery::default()
+    };
+    assert_eq!(found(store, in_trash).await, [ids[2]]);
+    let page = store.cases(&CaseQuery::default(), None, 9).await.unwrap();
+    assert_eq!((page.cases.len(), page.total), (5, None), "upkeep sees all");
+}
