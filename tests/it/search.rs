@@ -178,12 +178,19 @@ async fn a_worklist_states_what_is_to_be_done_and_the_trash_is_left_out() {
     assert_eq!(found(&server, json!({"trashed": true})).await, [id]);
     let list = server.get("/v1/cases").await.json();
     assert_eq!(list["cases"], json!([]));
-    assert_eq!(server.get(&case).await.json()["trashed"], true, "its address shows it");
+    assert_eq!(
+        server.get(&case).await.json()["trashed"],
+        true,
+        "its address shows it"
+    );
     assert!(patch(false).await.get("trashed").is_none());
     assert_eq!(found(&server, json!({})).await, [id]);
     // A cursor belongs to the newest first.
     let after = format!("1-{id}");
-    for wrong in [json!({"sort": "label", "after": after}), json!({"skip": 0, "after": after})] {
+    for wrong in [
+        json!({"sort": "label", "after": after}),
+        json!({"skip": 0, "after": after}),
+    ] {
         assert_eq!(search(&server, &wrong).await.json()["parameter"], "after");
     }
 }

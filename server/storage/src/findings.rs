@@ -51,8 +51,14 @@ impl StoredFindings {
     pub(crate) fn summary(&self) -> Result<(i64, String), serde_json::Error> {
         let all: Vec<Value> = serde_json::from_str(&self.document)?;
         let kept = all.iter().filter(|one| one["is_dismissed"] != true).count();
-        let authors: BTreeSet<&str> = all.iter().filter_map(|one| one["author"].as_str()).collect();
-        let authors: Vec<&str> = authors.into_iter().filter(|name| !name.is_empty()).collect();
+        let authors: BTreeSet<&str> = all
+            .iter()
+            .filter_map(|one| one["author"].as_str())
+            .collect();
+        let authors: Vec<&str> = authors
+            .into_iter()
+            .filter(|name| !name.is_empty())
+            .collect();
         Ok((i64::try_from(kept).unwrap_or(i64::MAX), authors.join("\n")))
     }
 }

@@ -139,7 +139,10 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
     let found = async |query: CaseQuery| {
         let page = store.cases(&query, None, 9).await.unwrap();
         assert_eq!(page.next, None);
-        page.cases.iter().map(|listed| listed.case.id).collect::<Vec<_>>()
+        page.cases
+            .iter()
+            .map(|listed| listed.case.id)
+            .collect::<Vec<_>>()
     };
     let every = CaseQuery::default;
     let label = |text: &str| CaseQuery {

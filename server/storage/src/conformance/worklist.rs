@@ -29,7 +29,10 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
         subject.pass(60);
     }
     let waits = insert(store, "waits").await.id;
-    assert!(claim(store).await.is_some(), "one that is being prepared waits no less");
+    assert!(
+        claim(store).await.is_some(),
+        "one that is being prepared waits no less"
+    );
     let [first, second, third] = [0, 1, 2].map(|number: usize| ids[number]);
     for (id, label) in [(first, "b"), (second, "A"), (third, "c")] {
         rename(store, &id, label).await;

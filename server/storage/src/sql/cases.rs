@@ -134,13 +134,19 @@ impl Store {
             ],
         };
         // Maps are read often, and nobody waits for the writer for what is known.
-        let known = self.connect().await?.fetch_optional(read, args![&case, &layer]).await?;
+        let known = self
+            .connect()
+            .await?
+            .fetch_optional(read, args![&case, &layer])
+            .await?;
         let Some(known) = known else { return Ok(()) };
         if known.get::<Option<i64>>("places")? == Some(places) {
             return Ok(());
         }
         let (mut transaction, _) = self.write().await?;
-        transaction.execute(write, args![&case, &layer, places]).await?;
+        transaction
+            .execute(write, args![&case, &layer, places])
+            .await?;
         transaction.commit().await
     }
 

@@ -40,5 +40,7 @@ async fn next_cases(
         .cases(&CaseQuery::default(), after.as_ref(), CASES_AT_ONCE)
         .await?;
     *walk = Some(page.next);
-    Ok(Some(page.cases.into_iter().map(|listed| listed.case).collect()))
+    Ok(Some(
+        page.cases.into_iter().map(|listed| listed.case).collect(),
+    ))
 }
