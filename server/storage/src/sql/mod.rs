@@ -38,17 +38,31 @@ pub(crate) use self::connection::microseconds;
 use self::connection::{Connection, Database, Migrations, Tables, Way};
 use super::StoreError;
 
-const SQLITE: &Migrations = &[(
-    100,
-    "store",
-    include_str!("../../migrations/sqlite/0100_store.sql"),
-)];
+const SQLITE: &Migrations = &[
+    (
+        100,
+        "store",
+        include_str!("../../migrations/sqlite/0100_store.sql"),
+    ),
+    (
+        101,
+        "expiry",
+        include_str!("../../migrations/sqlite/0101_expiry.sql"),
+    ),
+];
 
-const POSTGRES: &Migrations = &[(
-    100,
-    "store",
-    include_str!("../../migrations/postgres/0100_store.sql"),
-)];
+const POSTGRES: &Migrations = &[
+    (
+        100,
+        "store",
+        include_str!("../../migrations/postgres/0100_store.sql"),
+    ),
+    (
+        101,
+        "expiry",
+        include_str!("../../migrations/postgres/0101_expiry.sql"),
+    ),
+];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
