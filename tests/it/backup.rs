@@ -54,6 +54,10 @@ async fn a_store_is_moved_checked_repaired_and_restored() {
     std::fs::write(&volume, plain_head().bytes()).unwrap();
     let id = done(&["prepare", &volume, "--data", &first]);
     let id = id.lines().next().unwrap().to_owned();
+    // Without an age, no case goes: it is about the clock alone.
+    let (status, said) = run(&["remove-expired", "--data", &first]);
+    assert_eq!(status, Some(2), "{said}");
+    assert!(done(&["remove-expired", "--data", &first, "--yes"]).contains("removed: 0 cases"));
     let picture = |data: &str| {
         let output = path("picture.png");
         done(&[

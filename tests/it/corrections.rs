@@ -6,6 +6,7 @@ use axum::http::{Method, Request};
 use imaging::dicom::Attributes;
 use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
+use storage::upkeep::Removal;
 
 use crate::dicom::{head_slices, zipped};
 use crate::head::plain_head;
@@ -1167,7 +1168,10 @@ async fn one_image_of_another_patient_closes_the_case_of_images_that_are_forgott
     );
     ready_flair(server, &case, 1).await;
     let store = server.pacs.store().clone();
-    store.forget(Duration::ZERO).await.unwrap();
+    store
+        .forget(Duration::ZERO, Removal::Confirmed)
+        .await
+        .unwrap();
     assert_eq!(arrival_of(server, SERIES).await, Value::Null);
     for (slices, series) in [(flair_slices(), FLAIR), (head_slices(), SERIES)] {
         assert_eq!(closed(server, &case).await, Value::Null);

@@ -6,14 +6,14 @@ mod maps;
 mod prepare;
 mod rebuild;
 
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Duration;
 
 use storage::Store;
-use storage::upkeep::{self, Expired, Removal, Waiting};
+use storage::upkeep::{self, Expired, Removal};
 
 use crate::library::Library;
-use crate::removal::{BeforeRemoval, remove_expired};
+use crate::removal::{BeforeRemoval, DailyWarning, remove_expired};
 use crate::runner::{Runner, Terms, Work};
 
 use self::layer::PrepareLayer;
@@ -23,8 +23,6 @@ use self::rebuild::Rebuild;
 
 /// How long the rows of ended jobs stay, for lists and metrics.
 const KEEP_ENDED: Duration = Duration::from_secs(7 * 24 * 3600);
-
-const DAY: Duration = Duration::from_secs(24 * 3600);
 
 /// How often to search for expired cases, and for objects that a killed process left behind.
 const COLLECT_EVERY: Duration = Duration::from_secs(600);
@@ -48,7 +46,7 @@ pub fn start_workers(library: Library, count: usize) -> Runner {
     }
     let mut runner = Runner::start(&store, lanes);
     let before = library.before_removal().clone();
-    let waiting = Arc::<Daily>::default();
+    let waiting = Arc::<DailyWarning>::default();
     runner.repeat(COLLECT_EVERY, move || {
         clean_up(store.clone(), before.clone(), Arc::clone(&waiting))
     });
@@ -79,25 +77,9 @@ fn usual_terms(library: &Library) -> Terms {
     }
 }
 
-/// What happens once a day.
-#[derive(Debug, Default)]
-struct Daily(Mutex<Option<Instant>>);
-
-impl Daily {
-    /// Whether a day has passed since this was true.
-    fn is_due(&self, now: Instant) -> bool {
-        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_due = last.is_none_or(|last| now.duration_since(last) >= DAY);
-        if is_due {
-            *last = Some(now);
-        }
-        is_due
-    }
-}
-
 /// Removes cases that are older than they are kept, jobs that ended some days ago, and objects that nobody needs. What waits is
 /// logged once a day.
-async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
+async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<DailyWarning>) {
     match remove_expired(&store, &before, Removal::Automatic).await {
         Ok(Expired {
             removed,
@@ -106,9 +88,7 @@ async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
             if removed > 0 {
                 tracing::info!(removed, "cases older than storage.keep_days were removed");
             }
-            // In the first hour nobody has to do anything.
-            let why = why.filter(|why| *why != Waiting::FirstHour);
-            if let Some(why) = why.filter(|_| waiting.is_due(Instant::now())) {
+            if let Some(why) = waiting.to_say(why) {
                 let cases = upkeep::row_counts(&store)
                     .await
                     .ok()
@@ -136,20 +116,5 @@ async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
             error = &error as &dyn std::error::Error,
             "cannot remove left-over objects"
         );
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_happens_once_a_day_is_due_at_first_and_a_day_later() {
-        let daily = Daily::default();
-        let (start, hour) = (Instant::now(), Duration::from_secs(3600));
-        let due: Vec<_> = (1..60)
-            .filter(|&hours| daily.is_due(start + hour * hours))
-            .collect();
-        assert_eq!(due, [1, 25, 49]);
     }
 }

@@ -37,5 +37,5 @@ pub use intake::VolumeFiles;
 pub use library::{Library, LibraryOptions, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};
 pub use patient::Patient;
-pub use removal::{BeforeRemoval, remove_expired};
+pub use removal::{BeforeRemoval, DailyWarning, remove_expired};
 pub use series::series_of;

@@ -17,8 +17,9 @@ pub enum LogFormat {
     Json,
 }
 
-/// What is written of the statements of the database, unless the filter names them: each would be a line at `debug`.
-const STATEMENTS: &str = "sqlx=warn";
+/// What is written of the database and the bucket, unless the filter names them: each statement would be a line at `debug`, and each of two
+/// attempts a second to reach a bucket one at `info`, beside the one line with the cause.
+const QUIET: &str = "sqlx=warn,object_store=warn";
 
 /// Whether lines are JSON from now on.
 static IS_JSON: AtomicBool = AtomicBool::new(false);
@@ -50,7 +51,7 @@ pub fn start(format: LogFormat, filter: &str) {
 
 /// The levels of a filter; `info` if it cannot be read.
 fn targets(filter: &str) -> Targets {
-    let read = |filter: &str| format!("{STATEMENTS},{filter}").parse();
+    let read = |filter: &str| format!("{QUIET},{filter}").parse();
     read(filter).or_else(|_| read("info")).unwrap_or_default()
 }
 
@@ -77,5 +78,15 @@ mod tests {
         assert!(!statements("debug"));
         assert!(statements("debug,sqlx=debug"));
         assert!(statements("sqlx::query=debug"));
+    }
+
+    #[test]
+    fn attempts_to_reach_a_bucket_are_lines_only_if_the_filter_names_them() {
+        let attempts =
+            |filter, level| targets(filter).would_enable("object_store::client::retry", &level);
+        assert!(!attempts("info", Level::INFO));
+        assert!(!attempts("debug", Level::INFO));
+        assert!(attempts("info", Level::WARN));
+        assert!(attempts("info,object_store=info", Level::INFO));
     }
 }

@@ -26,7 +26,7 @@ use super::rows::{NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
 use super::tables::{cases, jobs};
 use super::testing::{claim, facts, failure, job, keep, name, new_case, pinned, rename, waiting};
-use super::upkeep::{self, Allowance, Removal};
+use super::upkeep::{self, Aged, Allowance, Removal};
 use super::{CaseQuery, Listed, ObjectName, Options, Store, StoreError};
 
 /// The lease of jobs in these checks.
@@ -635,7 +635,10 @@ async fn failed_cases(store: &Store, numbers: std::ops::Range<usize>) -> Vec<Cas
 
 pub(crate) async fn as_many_cases_expire_in_a_day_as_may(subject: &Subject) {
     let (store, day) = (&subject.store, Duration::from_secs(86_400));
-    let allowed = async || store.allow_removals(day, Removal::Automatic).await.unwrap();
+    let allowed = async || {
+        let allowed = store.allow_removals(Aged::Cases, day, Removal::Automatic);
+        allowed.await.unwrap()
+    };
     let cases = failed_cases(store, 0..3).await;
     assert_eq!(allowed().await, Allowance::ADay(10), "twice three are less");
     let cases = [cases, failed_cases(store, 3..7).await].concat();
@@ -663,7 +666,8 @@ pub(crate) async fn a_clock_that_jumps_is_doubted_until_somebody_says_that_it_is
     let store = &subject.store;
     let allowed = async |keep_days, removal| {
         let keep = Duration::from_secs(keep_days * DAY);
-        store.allow_removals(keep, removal).await.unwrap()
+        let allowed = store.allow_removals(Aged::Cases, keep, removal);
+        allowed.await.unwrap()
     };
     let usual = Allowance::ADay(10);
     // The first time is that of the latest row.
@@ -684,6 +688,21 @@ pub(crate) async fn a_clock_that_jumps_is_doubted_until_somebody_says_that_it_is
     }
     assert_eq!(allowed(90, Removal::Confirmed).await, Allowance::All);
     assert_eq!(allowed(90, Removal::Automatic).await, usual);
+    // What is kept for three days does not go by a jump that is small beside 90 days; and whoever says that the clock is right says
+    // so of all.
+    let received = async |removal| {
+        let keep = Duration::from_secs(3 * DAY);
+        let allowed = store.allow_removals(Aged::Received, keep, removal);
+        allowed.await.unwrap()
+    };
+    assert_eq!(received(Removal::Automatic).await, Allowance::All);
+    subject.pass(40 * DAY);
+    assert_eq!(allowed(90, Removal::Automatic).await, usual);
+    for removal in [Removal::Automatic, Removal::Asked, Removal::Automatic] {
+        assert_eq!(received(removal).await, Allowance::None);
+    }
+    assert_eq!(allowed(90, Removal::Confirmed).await, Allowance::All);
+    assert_eq!(received(Removal::Automatic).await, Allowance::All);
 }
 
 pub(crate) async fn a_pin_protects_until_it_expires(subject: &Subject) {

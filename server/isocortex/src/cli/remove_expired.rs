@@ -15,7 +15,8 @@ use crate::start::recorded;
 /// A case is removed if it is ready or failed, its last upload is at least that old, and it is not kept
 /// (`PATCH /v1/cases/{id}` with `{"kept": true}`). Its age does not depend on how often it is viewed. Servers and workers
 /// with `storage.keep_days` do the same every ten minutes; the store may be in use. Without `--yes` nothing is removed if the
-/// clock has jumped, and at most 10 cases a day, or twice as many as came on the busiest one.
+/// clock has jumped, and at most 10 cases a day, or twice as many as came on the busiest one. With it, servers also go on to remove
+/// what a PACS has sent (`pacs.keep_days`).
 #[derive(Debug, Clone, Args)]
 pub(super) struct RemoveExpiredArgs {
     #[command(flatten)]
@@ -43,13 +44,18 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
     config.storage.create = false;
     config.check()?;
     let options = config.cases()?;
-    let Some(keep) = options.store.keep else {
+    // Without an age, `--yes` is about what a PACS has sent.
+    let keep = options.store.keep;
+    if keep.is_none() && !args.yes {
         let message = "state the age of the cases to remove: `--keep-days DAYS`";
         return Err(CliError::new(ExitStatus::Usage, message));
-    };
+    }
     super::block_on(async {
         let store = Store::open(options.location, options.store).await?;
-        let expired = upkeep::expired(&store, keep, usize::MAX).await?;
+        let expired = match keep {
+            Some(keep) => upkeep::expired(&store, keep, usize::MAX).await?,
+            None => Vec::new(),
+        };
         for id in &expired {
             if let Some(case) = store.case(id).await? {
                 println!("expired: case {id}, last uploaded {}", case.uploaded_at);

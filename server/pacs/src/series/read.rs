@@ -14,8 +14,9 @@ use case::{
 use cases::dicom::{Options, Purpose, copy_objects};
 use cases::layers::ReceivedLayer;
 use cases::runner::{End, Failed, Runner, Running, Terms, Work};
-use cases::{Error, VolumeFiles, series_of};
+use cases::{DailyWarning, Error, VolumeFiles, series_of};
 use storage::tables::{layers, made, series};
+use storage::upkeep::Removal;
 use storage::{Count, Made, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
 
@@ -41,7 +42,10 @@ pub fn start_series_reader(arrivals: Arrivals, options: ArrivalOptions) -> Runne
     let store = arrivals.store().clone();
     let work = Arc::new(ReadSeries { arrivals, options });
     let mut runner = Runner::start(store.store(), vec![vec![work]]);
-    runner.repeat(FORGET_EVERY, move || forget(store.clone(), options));
+    let warning = Arc::<DailyWarning>::default();
+    runner.repeat(FORGET_EVERY, move || {
+        forget(store.clone(), options.keep, Arc::clone(&warning))
+    });
     runner
 }
 
@@ -53,13 +57,27 @@ pub(super) async fn read_one_series(arrivals: &Arrivals, options: ArrivalOptions
     cases::runner::once(store.store(), Arc::new(ReadSeries { arrivals, options })).await
 }
 
-/// Forgets what came some days ago, and results that were sent then.
-async fn forget(store: PacsStore, options: ArrivalOptions) {
-    if let Err(error) = store.forget(options.keep).await {
-        tracing::warn!(
+/// Forgets what came some days ago, and results that were sent then. What waits is logged once a day.
+async fn forget(store: PacsStore, keep: Duration, warning: Arc<DailyWarning>) {
+    match store.forget(keep, Removal::Automatic).await {
+        Ok(why) => {
+            if let Some(why) = warning.to_say(why) {
+                let [series, rejections] = match store.too_old(keep).await {
+                    Ok(numbers) => numbers.map(Some),
+                    Err(_) => [None; 2],
+                };
+                tracing::warn!(
+                    series,
+                    rejections,
+                    "series older than pacs.keep_days, and rejections older than a year, stay: {}",
+                    why.sentence()
+                );
+            }
+        }
+        Err(error) => tracing::warn!(
             error = &error as &dyn std::error::Error,
             "series and results of some days ago will be forgotten later"
-        );
+        ),
     }
 }
 

@@ -18,6 +18,7 @@ use std::time::Duration;
 
 use storage::args;
 use storage::tables::{Row, microseconds};
+use storage::upkeep::{self, Removal, Waiting};
 use storage::{Store, StoreError};
 
 pub use self::copy::{CopiedStep, CopyCounts};
@@ -63,19 +64,51 @@ impl PacsStore {
     }
 
     /// Forgets settled series for which nothing has come for this long, and results whose sending ended that long ago, and
-    /// removes the objects that nobody needs then. What was withdrawn is remembered for a year.
+    /// removes the objects that nobody needs then. What was withdrawn is remembered for a year. Returns why all of it stays, if some of it
+    /// is too old and a wrong clock may be the reason, by the rules for cases.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written.
-    pub async fn forget(&self, unchanged: Duration) -> Result<(), StoreError> {
+    pub async fn forget(
+        &self,
+        unchanged: Duration,
+        removal: Removal,
+    ) -> Result<Option<Waiting>, StoreError> {
+        let waiting = upkeep::received_waits(&self.store, unchanged, removal).await?;
+        if waiting.is_some() {
+            let is_any = self
+                .too_old(unchanged)
+                .await?
+                .iter()
+                .any(|number| *number > 0);
+            return Ok(waiting.filter(|_| is_any));
+        }
         let (mut transaction, now) = self.store.write().await?;
-        let before = now - microseconds(unchanged);
+        let [before, long_ago] = times_before(now, unchanged);
         arrivals::forget(&mut transaction, before, now).await?;
         results::forget(&mut transaction, before, now).await?;
-        let long_ago = now - microseconds(REJECTIONS_KEPT.max(unchanged));
         images::forget(&mut transaction, long_ago).await?;
         transaction.commit().await?;
-        self.store.collect().await
+        self.store.collect().await?;
+        Ok(None)
+    }
+
+    /// How many series, and how many rejections, are older than [`PacsStore::forget`] leaves them.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn too_old(&self, unchanged: Duration) -> Result<[u64; 2], StoreError> {
+        let mut connection = self.store.connect().await?;
+        let [before, long_ago] = times_before(connection.now().await?, unchanged);
+        let row = connection
+            .fetch_one(
+                "SELECT (SELECT count(*) FROM arrivals WHERE state <> 'receiving' AND last_at <= $1) AS series,
+                        (SELECT count(*) FROM rejections WHERE rejected_at <= $2) AS rejections",
+                args![before, long_ago],
+            )
+            .await?;
+        let [series, rejections] = ["series", "rejections"].map(|column| row.get::<i64>(column));
+        Ok([series?.unsigned_abs(), rejections?.unsigned_abs()])
     }
 
     /// How many series and results are in which state, as [`storage::upkeep::RowCounts`] has them.
@@ -126,4 +159,9 @@ impl PacsStore {
             results: count("results")?,
         })
     }
+}
+
+/// Before which times series and results, and before which rejections, are too old.
+fn times_before(now: i64, unchanged: Duration) -> [i64; 2] {
+    [unchanged, REJECTIONS_KEPT.max(unchanged)].map(|age| now.saturating_sub(microseconds(age)))
 }

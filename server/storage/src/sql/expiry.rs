@@ -1,4 +1,4 @@
-//! What the removal of old cases knows of the clock, and how many went on which day.
+//! What the removal of old cases, and of what a PACS has sent, knows of the clock, and how many cases went on which day.
 
 use std::time::Duration;
 
@@ -12,11 +12,20 @@ use crate::{Store, StoreError};
 /// Microseconds of a day.
 const DAY: i64 = 86_400_000_000;
 
-/// The longest jump of the time that is believed, if cases are kept for less than twice as long.
+/// The longest jump of the time that is believed, if what goes is kept for less than twice as long.
 const LEAST_JUMP: Duration = Duration::from_secs(7 * 86_400);
 
 /// How many cases may go in a day, however few came on any.
 const LEAST_A_DAY: u64 = 10;
+
+/// What goes because of its age. Each has a last time that was believed, because a jump that is small beside the age of the one is not
+/// beside that of the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Aged {
+    Cases,
+    /// What a PACS has sent.
+    Received,
+}
 
 /// Who asks for the removal of what is too old.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,7 +38,7 @@ pub enum Removal {
     Confirmed,
 }
 
-/// How many cases may go.
+/// How many cases may go, or whether what a PACS has sent may.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Allowance {
     /// So many on this day, by whatever process.
@@ -62,18 +71,20 @@ pub(crate) fn believed_jump(keep: Duration) -> Duration {
 }
 
 impl Store {
-    /// How many cases may go, and notes the time as seen, unless it has jumped and nobody says that it is right.
+    /// How many may go, and notes the time as seen, unless it has jumped and nobody says that it is right.
     pub(crate) async fn allow_removals(
         &self,
+        what: Aged,
         keep: Duration,
         removal: Removal,
     ) -> Result<Allowance, StoreError> {
         let (mut transaction, now) = self.write().await?;
-        let seen = last_time(&mut transaction).await?.unwrap_or(now);
+        let seen = last_time(&mut transaction, what).await?.unwrap_or(now);
         let has_jumped = now.saturating_sub(seen) > microseconds(believed_jump(keep));
         let allowance = match removal {
             Removal::Confirmed => Allowance::All,
             _ if has_jumped => Allowance::None,
+            _ if what == Aged::Received => Allowance::All,
             _ => Allowance::of_busiest_day(busiest_day(&mut transaction).await?),
         };
         // That of the latest row is noted, too: a clock that is wrong may write a later one.
@@ -81,9 +92,13 @@ impl Store {
             Allowance::None => seen,
             _ => now,
         };
-        transaction
-            .execute("UPDATE expiry SET seen_at = $1", args![believed])
-            .await?;
+        let note = match (removal, what) {
+            // It is said of the clock.
+            (Removal::Confirmed, _) => "UPDATE expiry SET seen_at = $1, received_seen_at = $1",
+            (_, Aged::Cases) => "UPDATE expiry SET seen_at = $1",
+            (_, Aged::Received) => "UPDATE expiry SET received_seen_at = $1",
+        };
+        transaction.execute(note, args![believed]).await?;
         transaction.commit().await?;
         Ok(allowance)
     }
@@ -185,10 +200,12 @@ async fn is_expired(
 }
 
 /// The last time that was believed; before the first one, that of the latest row.
-async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
-    let row = connection
-        .fetch_one("SELECT seen_at FROM expiry", args![])
-        .await?;
+async fn last_time(connection: &mut Connection, what: Aged) -> Result<Option<i64>, StoreError> {
+    let sql = match what {
+        Aged::Cases => "SELECT seen_at FROM expiry",
+        Aged::Received => "SELECT received_seen_at AS seen_at FROM expiry",
+    };
+    let row = connection.fetch_one(sql, args![]).await?;
     match row.get("seen_at")? {
         Some(seen) => Ok(Some(seen)),
         None => newest_row(connection).await,

@@ -49,6 +49,11 @@ const SQLITE: &Migrations = &[
         "worklist",
         include_str!("../../migrations/sqlite/0120_worklist.sql"),
     ),
+    (
+        121,
+        "expiry",
+        include_str!("../../migrations/sqlite/0121_expiry.sql"),
+    ),
 ];
 
 const POSTGRES: &Migrations = &[
@@ -61,6 +66,11 @@ const POSTGRES: &Migrations = &[
         120,
         "worklist",
         include_str!("../../migrations/postgres/0120_worklist.sql"),
+    ),
+    (
+        121,
+        "expiry",
+        include_str!("../../migrations/postgres/0121_expiry.sql"),
     ),
 ];
 

@@ -1,20 +1,20 @@
-//! The removal of cases because of their age, and what it waits for if a clock is wrong.
+//! The removal of cases, and of what a PACS has sent, because of their age, and what it waits for if a clock is wrong.
 //!
-//! A clock that is 400 days ahead makes every case too old at once. So a process removes nothing by itself in its first hour;
+//! A clock that is 400 days ahead makes all of them too old at once. So a process removes nothing by itself in its first hour;
 //! nobody does after the time has jumped past the last one that the rows have seen, until a person says that it is right; and in a
-//! day, not many more go than came on one.
+//! day, not many more cases go than came on one.
 
 use std::time::Duration;
 
 use case::CaseId;
 
-use crate::sql::expiry::{Allowance, Removal, expired as too_old};
+use crate::sql::expiry::{Aged, Allowance, Removal, expired as too_old};
 use crate::{REMOVALS_AT_ONCE, Store, StoreError};
 
 /// How long a process removes nothing by itself.
 const FIRST_HOUR: Duration = Duration::from_secs(3600);
 
-/// Why cases that are too old stay.
+/// Why cases, or series of a PACS, that are too old stay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Waiting {
     /// The process has not run for an hour.
@@ -61,19 +61,12 @@ pub async fn remove_expired<MayGo>(
 where
     MayGo: Future<Output = bool> + Send,
 {
-    store.id().await?;
     let keep = store.options().keep;
-    // The time is noted in the first hour, and by those who remove nothing, too.
-    let allowance = store
-        .allow_removals(keep.unwrap_or_default(), removal)
-        .await?;
+    // The time is noted by those who remove nothing, too.
+    let age = keep.unwrap_or_default();
+    let (allowance, waiting) = allowed(store, Aged::Cases, age, removal).await?;
     let Some(keep) = keep else {
         return Ok(Expired::default());
-    };
-    let is_first_hour = removal == Removal::Automatic && store.uptime() < FIRST_HOUR;
-    let waiting = match allowance {
-        Allowance::None => Some(Waiting::Clock),
-        _ => is_first_hour.then_some(Waiting::FirstHour),
     };
     let mut expired = Expired::default();
     if waiting.is_some() {
@@ -113,4 +106,35 @@ where
             return Ok(expired);
         }
     }
+}
+
+/// Why nothing that a PACS has sent may go now because it is older than `keep`, by the rules for cases, but for the limit of a day; `None` if
+/// it may.
+///
+/// # Errors
+/// If the rows or the objects cannot be reached.
+pub async fn received_waits(
+    store: &Store,
+    keep: Duration,
+    removal: Removal,
+) -> Result<Option<Waiting>, StoreError> {
+    let (_, waiting) = allowed(store, Aged::Received, keep, removal).await?;
+    Ok(waiting)
+}
+
+/// How many may go, and why none may. The time is noted in the first hour, too.
+async fn allowed(
+    store: &Store,
+    what: Aged,
+    keep: Duration,
+    removal: Removal,
+) -> Result<(Allowance, Option<Waiting>), StoreError> {
+    store.id().await?;
+    let allowance = store.allow_removals(what, keep, removal).await?;
+    let is_first_hour = removal == Removal::Automatic && store.uptime() < FIRST_HOUR;
+    let waiting = match allowance {
+        Allowance::None => Some(Waiting::Clock),
+        _ => is_first_hour.then_some(Waiting::FirstHour),
+    };
+    Ok((allowance, waiting))
 }

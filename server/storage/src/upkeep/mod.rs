@@ -9,7 +9,7 @@ use case::Case;
 
 pub use self::adopt::{adopt, manifest, restore_manifests, spool_object, unreferenced_of};
 pub use self::copy::{Copied, CopyStep, copy_into, copy_objects};
-pub use self::expiry::{Expired, Waiting, remove_expired};
+pub use self::expiry::{Expired, Waiting, received_waits, remove_expired};
 #[cfg(any(test, feature = "testing"))]
 pub(crate) use self::inspect::all_objects_of;
 pub use self::inspect::{
@@ -17,7 +17,7 @@ pub use self::inspect::{
 };
 pub use crate::rows::RowCounts;
 #[cfg(test)]
-pub(crate) use crate::sql::expiry::Allowance;
+pub(crate) use crate::sql::expiry::{Aged, Allowance};
 pub use crate::sql::expiry::{Removal, expired};
 pub use crate::sql::pins::forget_writers;
 pub use crate::sql::upkeep::row_counts;

@@ -639,7 +639,7 @@ impl World {
                 while self.read(false).await {}
                 self.pass(Duration::from_secs(7 * 24 * 3600));
                 self.store()
-                    .forget(Duration::from_secs(3 * 24 * 3600))
+                    .forget(Duration::from_secs(3 * 24 * 3600), Removal::Confirmed)
                     .await
                     .unwrap();
                 self.kept.clear();

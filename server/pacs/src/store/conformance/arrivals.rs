@@ -10,6 +10,7 @@ use case::{CaseId, Closed, Failure, ObjectKind};
 use storage::tables::Referred;
 use storage::testing::failure;
 use storage::testing::steps::{self, delete_rows, insert_case, pinned, unneeded};
+use storage::upkeep::{Removal, Waiting};
 use storage::{Claim, Cursor, ObjectName, Release};
 
 use super::Subject;
@@ -456,7 +457,10 @@ pub(crate) async fn what_is_made_of_rejected_images_is_closed_until_that_is_lift
     );
     // It is remembered for as long as something is made of it.
     subject.pass(400 * DAY);
-    store.forget(TERMS.stable).await.unwrap();
+    store
+        .forget(TERMS.stable, Removal::Confirmed)
+        .await
+        .unwrap();
     assert_eq!(closed(store, of_early).await, Some(Closed::Rejected));
     let id = store.rejections(9).await.unwrap().remove(0).id;
     assert!(store.lift(&id).await.unwrap());
@@ -479,17 +483,70 @@ pub(crate) async fn what_a_pacs_has_sent_is_known_for_a_year_and_while_something
     }
     let knows = async |image: &NewInstance| store.has_come(&image.sop_instance_uid).await.unwrap();
     subject.pass(30 * DAY);
-    store.forget(TERMS.stable).await.unwrap();
+    store
+        .forget(TERMS.stable, Removal::Confirmed)
+        .await
+        .unwrap();
     assert_eq!(store.arrivals_of(&study()).await.unwrap(), []);
     assert!(knows(&images[0]).await && knows(&images[1]).await);
     subject.pass(400 * DAY);
-    store.forget(TERMS.stable).await.unwrap();
+    store
+        .forget(TERMS.stable, Removal::Confirmed)
+        .await
+        .unwrap();
     assert!(knows(&images[0]).await && !knows(&images[1]).await);
     // A correction counts although the images before it are forgotten.
     received(store, &[corrected(image(1, 1), "corrected")]).await;
     assert_eq!(closed(store, case).await, Some(Closed::Corrected));
     assert!(delete_rows(store.store(), &case).await.unwrap());
     assert!(knows(&images[0]).await);
+}
+
+pub(crate) async fn nothing_is_forgotten_by_a_wrong_clock_or_in_the_first_hour(subject: &Subject) {
+    let store = &subject.store;
+    let keep = Duration::from_secs(3 * DAY);
+    let forget = async |keep, removal| store.forget(keep, removal).await.unwrap();
+    let left = async || {
+        let series = store.arrivals_of(&study()).await.unwrap();
+        let images: usize = series.iter().map(|series| series.instances).sum();
+        (images, store.rejections(9).await.unwrap().len())
+    };
+    assert_eq!(forget(keep, Removal::Automatic).await, None);
+    // An image of a series that became nothing, and one that was rejected before it came.
+    let rejection = Rejection {
+        may_return: false,
+        series: vec![(series(2), vec![image(2, 1).sop_instance_uid])],
+    };
+    let rejected = store.reject(&rejection, ArrivalSource::Stow, "a peer");
+    rejected.await.unwrap();
+    receive(store, &[image(1, 1)]).await;
+    subject.pass(21);
+    let (leased, _) = due(store).await.unwrap();
+    let nothing = Outcome::Nothing(failure());
+    assert!(store.settle(&leased, &nothing).await.unwrap());
+    let first_hour = Some(Waiting::FirstHour);
+    assert_eq!(forget(TERMS.stable, Removal::Automatic).await, first_hour);
+    assert_eq!(forget(keep, Removal::Automatic).await, None);
+    subject.pass(400 * DAY);
+    for removal in [Removal::Automatic, Removal::Asked, Removal::Automatic] {
+        assert_eq!(forget(keep, removal).await, Some(Waiting::Clock));
+        subject.pass(3600);
+    }
+    assert_eq!(left().await, (1, 1));
+    assert_eq!(store.too_old(keep).await.unwrap(), [2, 1]);
+    assert_eq!(forget(keep, Removal::Confirmed).await, None);
+    assert_eq!(left().await, (0, 0));
+    // From then on it goes by itself.
+    receive(store, &[image(1, 1)]).await;
+    subject.pass(21);
+    let (leased, _) = due(store).await.unwrap();
+    assert!(store.settle(&leased, &nothing).await.unwrap());
+    for _ in 0..2 {
+        assert_eq!(forget(keep, Removal::Automatic).await, None);
+        subject.pass(2 * DAY);
+    }
+    assert_eq!(forget(keep, Removal::Automatic).await, None);
+    assert_eq!(store.arrivals_of(&study()).await.unwrap(), []);
 }
 
 pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subject) {
@@ -666,7 +723,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     assert!(objects.contains(&images[0].1));
     let forget = async |seconds| {
         let age = Duration::from_secs(seconds);
-        store.forget(age).await.unwrap();
+        store.forget(age, Removal::Confirmed).await.unwrap();
         store.arrivals_of(&study()).await.unwrap()
     };
     assert!(delete_rows(store.store(), &case).await.unwrap());

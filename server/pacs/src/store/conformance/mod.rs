@@ -111,6 +111,7 @@ conformance! {
     an_image_that_comes_under_another_series_leaves_its_own
     what_is_made_of_rejected_images_is_closed_until_that_is_lifted
     what_a_pacs_has_sent_is_known_for_a_year_and_while_something_is_made_of_it
+    nothing_is_forgotten_by_a_wrong_clock_or_in_the_first_hour
     a_series_is_due_when_nothing_came_for_a_while
     a_corrected_or_grown_series_waits_as_if_no_number_were_known
     a_series_with_all_announced_images_waits_no_longer

@@ -10,6 +10,7 @@ use storage::testing::failure;
 use storage::testing::steps::{
     delete_rows, insert_case, mark, objects_of_tables, pinned, unneeded, unpin,
 };
+use storage::upkeep::Removal;
 use storage::{Claim, Cursor, LayerName, LayerUpload, Made, ObjectName, StoreError};
 
 use super::Subject;
@@ -146,9 +147,15 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     let objects = [one.object()];
     assert_eq!(objects[0].kind, ObjectKind::Result);
     subject.pass(3600);
-    store.forget(Duration::from_secs(7200)).await.unwrap();
+    store
+        .forget(Duration::from_secs(7200), Removal::Confirmed)
+        .await
+        .unwrap();
     assert!(store.result(&sent.id).await.unwrap().is_some());
-    store.forget(Duration::from_secs(60)).await.unwrap();
+    store
+        .forget(Duration::from_secs(60), Removal::Confirmed)
+        .await
+        .unwrap();
     assert_eq!(store.result(&sent.id).await.unwrap(), None);
     // The other node still waits for the same object.
     assert_eq!(unneeded(store.store(), &objects).await.unwrap(), []);
