@@ -302,24 +302,32 @@ fn common_rescale(series: &Series, factor: f64) -> Result<Option<Rescale>, Dicom
             .iter()
             .flat_map(|image| image.frames.iter().flatten())
     };
-    let unusable = |&[slope, intercept]: &[f64; 2]| {
-        let [slope, intercept] = [slope as f32, intercept as f32];
+    let is_unusable = |frame: &Frame| {
+        let [slope, intercept] = frame.slope_and_intercept().map(|number| number as f32);
         !slope.is_normal() || !intercept.is_finite()
     };
-    if frames().any(|frame| unusable(&frame.rescale)) {
+    if frames().any(is_unusable) {
         return Err(DicomError::Damaged {
             what: "a slice has a rescale slope that is zero or beyond single precision",
         });
     }
-    let Some(first) = frames().next().map(|frame| frame.rescale) else {
+    let Some(first) = frames().next().map(Frame::slope_and_intercept) else {
         return Ok(None);
     };
-    let all_same = frames().all(|frame| frame.rescale == first);
-    let states_slope = |frame: &Frame| frame.states_slope;
-    if !all_same && frames().any(states_slope) && !frames().all(states_slope) {
-        return Err(DicomError::Damaged {
-            what: "some slices state a Rescale Slope and others none, so that their intensities cannot be compared",
-        });
+    let mut all_same = true;
+    for (which, element) in ["RescaleSlope", "RescaleIntercept"].into_iter().enumerate() {
+        let differs = frames().any(|frame| frame.slope_and_intercept()[which] != first[which]);
+        let without = frames().find(|frame| frame.rescale[which].is_none());
+        if let Some(frame) = without
+            && differs
+        {
+            return Err(DicomError::Value {
+                element,
+                value: "absent or blank, and other slices state it".to_owned(),
+                instance: frame.instance,
+            });
+        }
+        all_same &= !differs;
     }
     Ok(all_same.then_some(Rescale {
         slope: (factor * first[0]) as f32,
@@ -362,7 +370,7 @@ fn read_samples(
                 return;
             };
             let [slope, intercept] = match rescaled {
-                Some(factor) => header.rescale.map(|number| factor * number),
+                Some(factor) => header.slope_and_intercept().map(|number| factor * number),
                 None => [1.0, 0.0],
             };
             let samples = &mut samples[place * plane..(place + 1) * plane];

@@ -89,7 +89,7 @@ impl Unfinished {
         for number in [size[0], size[1], frames.len()] {
             hasher.update(&(number as u64).to_le_bytes());
         }
-        for value in frames.iter().flat_map(|frame| frame.rescale) {
+        for value in frames.iter().flat_map(Frame::slope_and_intercept) {
             hasher.update(&value.to_le_bytes());
         }
         let states_loss = text(&object, tags::LOSSY_IMAGE_COMPRESSION).as_deref() == Some("01");

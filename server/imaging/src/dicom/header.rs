@@ -109,12 +109,18 @@ pub(super) struct Frame {
     pub(super) spacing_mm: Option<[f64; 2]>,
     /// What is missing or wrong, if one of the three is `None`.
     pub(super) fault: Option<&'static str>,
-    /// Slope and intercept.
-    pub(super) rescale: [f64; 2],
-    /// Whether it states a slope.
-    pub(super) states_slope: bool,
+    /// Slope and intercept, if they are stated with a value.
+    pub(super) rescale: [Option<f64>; 2],
     /// What distinguishes repeated acquisitions, in the order of [`DIFFERENCES`].
     pub(super) acquisition: [Option<i64>; 7],
+}
+
+impl Frame {
+    /// Slope and intercept; one that is not stated is 1 or 0.
+    pub(super) fn slope_and_intercept(&self) -> [f64; 2] {
+        let [slope, intercept] = self.rescale;
+        [slope.unwrap_or(1.0), intercept.unwrap_or(0.0)]
+    }
 }
 
 /// What distinguishes repeated acquisitions.
@@ -332,11 +338,32 @@ fn pixel_format(
         bits_allocated,
         bits_stored,
         high_bit: number(tags::HIGH_BIT)?.unwrap_or(bits_stored.saturating_sub(1)),
-        signed: number(tags::PIXEL_REPRESENTATION)?.unwrap_or(0) == 1,
+        signed: is_signed(object, bits_allocated, instance)?,
         big_endian: encoding == Encoding::ExplicitBig,
     };
     check_format(&format)?;
     Ok(format)
+}
+
+/// Pixels of more than 8 bits must state whether they are signed (PS3.3 C.7.6.3, type 1): the two readings differ by the whole range.
+fn is_signed(
+    object: &InMemDicomObject,
+    bits_allocated: u32,
+    instance: i64,
+) -> Result<bool, DicomError> {
+    match stated_integer(object, tags::PIXEL_REPRESENTATION, instance)? {
+        Some(1) => Ok(true),
+        Some(0) => Ok(false),
+        _ if bits_allocated <= 8 => Ok(false),
+        stated => Err(DicomError::Value {
+            element: "PixelRepresentation",
+            value: stated.map_or_else(
+                || "absent or blank".to_owned(),
+                |number| format!("{number}, neither 0 nor 1"),
+            ),
+            instance,
+        }),
+    }
 }
 
 fn check_format(format: &PixelFormat) -> Result<(), DicomError> {
@@ -496,7 +523,6 @@ fn classic_frame(object: &InMemDicomObject) -> Result<Frame, DicomError> {
         spacing_mm,
         fault,
         rescale: rescale(object, instance)?,
-        states_slope: object.get(tags::RESCALE_SLOPE).is_some(),
         acquisition: [
             real(object, tags::ECHO_TIME).map(thousandths),
             integer(object, tags::ACQUISITION_NUMBER),
@@ -509,11 +535,11 @@ fn classic_frame(object: &InMemDicomObject) -> Result<Frame, DicomError> {
     })
 }
 
-fn rescale(object: &InMemDicomObject, instance: i64) -> Result<[f64; 2], DicomError> {
+fn rescale(object: &InMemDicomObject, instance: i64) -> Result<[Option<f64>; 2], DicomError> {
     let number = |tag| stated_real(object, tag, instance);
     Ok([
-        number(tags::RESCALE_SLOPE)?.unwrap_or(1.0),
-        number(tags::RESCALE_INTERCEPT)?.unwrap_or(0.0),
+        number(tags::RESCALE_SLOPE)?,
+        number(tags::RESCALE_INTERCEPT)?,
     ])
 }
 
@@ -556,7 +582,6 @@ fn grouped_frame(
         spacing_mm,
         fault,
         rescale: rescale(scaled, instance)?,
-        states_slope: scaled.get(tags::RESCALE_SLOPE).is_some(),
         acquisition: [
             echo.and_then(|group| real(group, tags::EFFECTIVE_ECHO_TIME))
                 .map(thousandths),

@@ -14,6 +14,7 @@ const INTERCEPT: Tag = [0x28, 0x1052];
 const SLOPE: Tag = [0x28, 0x1053];
 const POSITION: Tag = [0x20, 0x32];
 const ORIENTATION: Tag = [0x20, 0x37];
+const IS_SIGNED: Tag = [0x28, 0x103];
 const NAME: Tag = [0x10, 0x10];
 
 fn converted_with(files: Vec<Vec<u8>>, options: &Options) -> Result<Converted, DicomError> {
@@ -75,6 +76,12 @@ fn with(file: &[u8], tag: Tag, vr: &str, change: impl Fn(&[u8]) -> Vec<u8>) -> V
     [&file[..at], &changed, &file[at + 8 + value.len()..]].concat()
 }
 
+/// A file without an element.
+fn without(file: &[u8], tag: Tag) -> Vec<u8> {
+    let (at, value) = find(file, tag);
+    [&file[..at], &file[at + 8 + value.len()..]].concat()
+}
+
 /// A file with something before an element.
 fn with_before(file: &[u8], tag: Tag, more: &[u8]) -> Vec<u8> {
     let (at, _) = find(file, tag);
@@ -102,7 +109,7 @@ fn elements_of_an_unknown_representation_have_that_of_the_dictionary() {
         POSITION,
         ORIENTATION,
         NAME,
-        [0x28, 0x103],
+        IS_SIGNED,
     ] {
         let files = files(&scaled(4), Syntax::Explicit);
         let unknown = files.iter().map(|file| with(file, tag, "UN", same));
@@ -131,20 +138,85 @@ fn numbers_are_read_as_texts_of_any_representation() {
 }
 
 #[test]
-fn a_slope_that_some_slices_state_is_not_1_for_the_others() {
-    let some = |rescale| {
-        let mut slices = slices(6);
-        for slice in slices.iter_mut().step_by(2) {
-            slice.rescale = Some(rescale);
+fn a_slope_or_intercept_that_some_slices_lack_is_no_default_for_them() {
+    let whole: Vec<_> = scaled(6)
+        .iter()
+        .map(|slice| slice.file(Syntax::Explicit))
+        .collect();
+    let ways: [fn(&[u8], Tag) -> Vec<u8>; 2] =
+        [|file, tag| with(file, tag, "DS", |_| Vec::new()), without];
+    for (tag, name, defaults) in [
+        (SLOPE, "RescaleSlope", [1.0, -10.0]),
+        (INTERCEPT, "RescaleIntercept", [2.5, 0.0]),
+    ] {
+        for lacking in ways {
+            let mut some = whole.clone();
+            for file in some.iter_mut().skip(1).step_by(2) {
+                *file = lacking(file, tag);
+            }
+            let error = converted(some).unwrap_err();
+            assert_eq!(error.kind(), "dicom-value", "{error}");
+            let words = format!("{name} of the image with instance number 2 cannot be read");
+            assert!(error.to_string().contains(&words), "{error}");
+
+            let all = whole.iter().map(|file| lacking(file, tag)).collect();
+            let [slope, intercept] = defaults;
+            let expected = plain(6)
+                .into_iter()
+                .map(|stored| slope * stored + intercept);
+            let found = intensities(&converted(all).unwrap());
+            assert_eq!(found, expected.collect::<Vec<_>>(), "{name}");
         }
-        converted(files(&slices, Syntax::Explicit))
+    }
+    // What the others state is the default.
+    let mut slices = slices(6);
+    for slice in slices.iter_mut().step_by(2) {
+        slice.rescale = Some([1.0, 0.0]);
+    }
+    let found = converted(files(&slices, Syntax::Explicit)).unwrap();
+    assert_eq!(intensities(&found), plain(6));
+}
+
+#[test]
+fn pixels_of_16_bits_state_whether_they_are_signed() {
+    let file = |slice: &Slice| slice.file(Syntax::Explicit);
+    let ways: [(fn(&[u8]) -> Vec<u8>, &str); 3] = [
+        (|file| without(file, IS_SIGNED), "absent or blank"),
+        (
+            |file| with(file, IS_SIGNED, "US", |_| Vec::new()),
+            "absent or blank",
+        ),
+        (
+            |file| with(file, IS_SIGNED, "US", |_| vec![7, 0]),
+            "7, neither 0 nor 1",
+        ),
+    ];
+    for (spoiled, words) in ways {
+        let error = converted(
+            slices(4)
+                .iter()
+                .map(|slice| spoiled(&file(slice)))
+                .collect(),
+        );
+        let error = error.unwrap_err();
+        assert!(
+            error.to_string().contains(&format!(
+                "PixelRepresentation of the image with instance number 1 cannot be read: it is {words}"
+            )),
+            "{error}"
+        );
+    }
+    // 8 bits are never signed in practice.
+    let of_8_bits = |slice: &Slice| {
+        let mut slice = slice.clone();
+        slice.bits_stored = 8;
+        let mut set = slice.data_set(Syntax::Explicit);
+        set.bytes([0x7FE0, 0x10], "OW", &[200; 30]);
+        let file = with(&set.file(), [0x28, 0x100], "US", |_| vec![8, 0]);
+        without(&file, IS_SIGNED)
     };
-    let refused = some([2.5, 0.0]).unwrap_err().to_string();
-    assert!(
-        refused.contains("some slices state a Rescale Slope and others none"),
-        "{refused}"
-    );
-    assert_eq!(intensities(&some([1.0, 0.0]).unwrap()), plain(6));
+    let found = converted(slices(4).iter().map(of_8_bits).collect()).unwrap();
+    assert_eq!(intensities(&found), [200.0; 120]);
 }
 
 #[test]
@@ -192,7 +264,7 @@ fn a_value_that_cannot_be_read_is_never_a_default() {
         (ROWS, "LO", b"five", "it is a text of 4 characters"),
         (SLOPE, "DS", b"inf ", "it is a text of 3 characters"),
         (
-            [0x28, 0x103],
+            IS_SIGNED,
             "DS",
             b"0.5 ",
             "PixelRepresentation of the image with instance number 2",
