@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 /// A series, without the identity of the patient.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomSeries))]
-#[serde(deny_unknown_fields)]
 pub struct SeriesSummary {
     /// The scanner's number of the series.
     pub number: Option<i64>,
@@ -29,7 +28,6 @@ pub struct SeriesSummary {
 /// A file of an image that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = UnreadDicomFile))]
-#[serde(deny_unknown_fields)]
 pub struct UnreadFile {
     /// Its number among the files, from 1, in the order of the archive or of the parts of the form.
     pub file: usize,
