@@ -256,6 +256,23 @@ fn a_mask_is_doubted_if_the_network_finds_no_certain_brain_to_compare_it_with() 
 }
 
 #[test]
+fn only_a_supplied_mask_is_asked_whose_it_is() {
+    let made = phantom::head(4.0);
+    let brain = BrainMask::from_mask(&made.brain, made.volume.grid()).expect("a brain");
+    let small = offset(&brain, -20.0).expect("a smaller one");
+    let (small, _) = closed(&small, &made.volume).expect("a closed brain");
+    let is_asked = |origin| {
+        let quality = rated(&made.volume, &made.brain, origin);
+        let mut reasons = quality.reasons.into_iter();
+        let overlap = reasons.find(|reason| reason.code == "mask-overlap");
+        let sentence = overlap.expect("a reason").sentence;
+        sentence.contains("is this the mask of this head?")
+    };
+    assert!(is_asked(Origin::Supplied(Opinion::Brain(&small))));
+    assert!(!is_asked(Origin::Stripped(Opinion::Brain(&small))));
+}
+
+#[test]
 fn a_ball_with_a_brighter_core_is_doubted_with_its_own_mask() {
     let Some(network) = network() else { return };
     let grid = Grid::new([80; 3], DAffine3::from_scale(DVec3::splat(2.0))).expect("a grid");
