@@ -362,14 +362,14 @@ impl Quality {
         }
         self.compare(masked, network)?;
         self.rate_opinion(network);
-        if matches!(network, Opinion::Uncertain) {
-            self.say(Rating::Review, "network-uncertain", || {
-                "the network is not certain of a brain in this volume, which is exactly 0 outside; is it a T1-weighted head without its skull?"
-                    .to_owned()
-            });
-        }
         // How far apart the borders are says nothing: without dura around it, the network's brain is less exact than the zeros are.
-        if let Some(reason) = self.comparison.and_then(|found| found.reason_of_overlap()) {
+        let overlap = self.comparison.and_then(|found| {
+            found.reason_of_overlap(
+                "what is not 0 in the volume",
+                "is there more than the brain?",
+            )
+        });
+        if let Some(reason) = overlap {
             self.add(reason);
         }
         Ok(())
@@ -386,6 +386,12 @@ impl Quality {
         let finds_none = matches!(network, Opinion::NoBrain);
         self.say(review_if(finds_none), "network-no-brain", || {
             "the network finds no brain in this volume, so that the mask was compared with nothing; is it a T1-weighted head?"
+                .to_owned()
+        });
+        let is_uncertain = matches!(network, Opinion::Uncertain);
+        self.say(review_if(is_uncertain), "network-uncertain", || {
+            "the network is not certain that there is a brain in this volume, so that the mask was compared with nothing; is it a T1-weighted \
+             head?"
                 .to_owned()
         });
     }

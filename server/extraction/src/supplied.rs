@@ -145,7 +145,7 @@ impl Comparison {
 
     pub(crate) fn reasons(&self) -> impl Iterator<Item = Reason> {
         [
-            self.reason_of_overlap(),
+            self.reason_of_overlap("the mask", "is this the mask of this head?"),
             self.reason_of_side(),
             self.distance.reason(),
             self.reason_of_lopsided(),
@@ -154,7 +154,7 @@ impl Comparison {
         .flatten()
     }
 
-    pub(crate) fn reason_of_overlap(&self) -> Option<Reason> {
+    pub(crate) fn reason_of_overlap(&self, what: &str, question: &str) -> Option<Reason> {
         let is_another = self.overlap < LEAST_OVERLAP;
         let rating = if is_another {
             Rating::Failed
@@ -163,7 +163,7 @@ impl Comparison {
         };
         reason(rating, "mask-overlap", || {
             format!(
-                "the mask and the brain found by the network overlap by only {:.3} (Dice); is this the mask of this head?",
+                "{what} and the brain found by the network overlap by only {:.3} (Dice); {question}",
                 self.overlap
             )
         })

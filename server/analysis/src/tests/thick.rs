@@ -1,10 +1,14 @@
-//! Slices that were interpolated from thicker ones, in real heads.
+//! Slices that were interpolated from thicker ones, or repeated.
 
 use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 
 use super::real::{data, read_mask, read_volume};
 use crate::block::Block;
+use crate::candidates::HeadDoubts;
+use crate::phantom::{Phantom, Scan, plain_grid};
 use crate::slices::{LEAST_SHARE, USUAL_SHARE, least_detail};
+use crate::tissue::tissue_of;
+use crate::{MapParameters, maps_and_division};
 
 /// A volume as slices of so many voxels along an axis, averaged and interpolated linearly to what they were.
 fn interpolated(volume: &Volume, axis: usize, thickness: usize) -> Volume {
@@ -28,6 +32,41 @@ fn interpolated(volume: &Volume, axis: usize, thickness: usize) -> Volume {
     Volume::new(grid.clone(), voxels, volume.rescale()).expect("the same grid")
 }
 
+/// A volume in which every so many slices along an axis are the same.
+fn repeated(volume: &Volume, axis: usize, times: usize) -> Volume {
+    let grid = volume.grid();
+    let value = |index: usize| {
+        let mut voxel = grid.voxel(index);
+        voxel[axis] -= voxel[axis] % times;
+        volume.voxels()[grid.index(voxel)]
+    };
+    let voxels = (0..grid.voxel_count()).map(value).collect();
+    Volume::new(grid.clone(), voxels, volume.rescale()).expect("the same grid")
+}
+
+#[test]
+fn a_head_whose_slices_were_interpolated_or_repeated_has_no_maps() {
+    let noisy = Phantom {
+        noise: 70.0,
+        ..Phantom::PLAIN
+    };
+    let mut scan = noisy.scan(&plain_grid());
+    let sound = scan.volume.clone();
+    let refusal = |scan: &Scan| {
+        let (block, _, tissue) = tissue_of(scan.head()).expect("tissue");
+        HeadDoubts::of(scan.head(), &block, &tissue).err()
+    };
+    assert_eq!(refusal(&scan), None);
+    for volume in [interpolated(&sound, 2, 5), repeated(&sound, 2, 5)] {
+        scan.volume = volume;
+        let reason = refusal(&scan).expect("a refusal");
+        assert_eq!(reason.code(), "interpolated-slices", "{reason}");
+        assert_eq!(scan.maps(), Err(reason));
+        let both = maps_and_division(scan.head(), &MapParameters::STANDARD);
+        assert_eq!(both.err(), Some(reason));
+    }
+}
+
 #[test]
 fn interpolated_slices_show_less_detail_across_than_within() {
     let Some(data) = data() else { return };
@@ -47,6 +86,12 @@ fn interpolated_slices_show_less_detail_across_than_within() {
         println!("{}: {sound:.3}", folder.display());
         assert!(sound > USUAL_SHARE, "{sound}");
         for axis in 0..3 {
+            let share_of_repeated = share(&repeated(&volume, axis, 5));
+            println!("  5 times along {axis}: {share_of_repeated:.3}");
+            assert!(
+                share_of_repeated < LEAST_SHARE,
+                "{axis}: {share_of_repeated}"
+            );
             for thickness in [5, 3] {
                 let share = share(&interpolated(&volume, axis, thickness));
                 println!("  {thickness} mm along {axis}: {share:.3}");

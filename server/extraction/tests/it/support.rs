@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use extraction::{Extraction, ExtractionError, Network, Rating};
+use extraction::{Extraction, ExtractionError, Network, Opinion, Rating};
 use geometry::{BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -34,6 +34,14 @@ pub(crate) fn network() -> Option<&'static Network> {
         );
     }
     network.as_ref()
+}
+
+/// What the network says of a volume in which it finds this.
+pub(crate) fn opinion(found: &Extraction) -> Opinion<'_> {
+    match found.is_certain() {
+        true => Opinion::Brain(&found.closed),
+        false => Opinion::Uncertain,
+    }
 }
 
 /// A file of the folder with real heads; `None`, said loudly, where it is missing.

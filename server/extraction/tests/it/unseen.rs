@@ -1,11 +1,11 @@
 //! What heads that no limit was chosen on have shown: slices in the wrong order, and things over zeros that are no brain.
 
 use extraction::{Masked, Network, Opinion, Origin, Quality, Rating, closed, predict, rate};
-use geometry::{BrainMask, Mask, Volume, offset, phantom};
-use glam::DVec3;
+use geometry::{BrainMask, Grid, Mask, Rescale, Volume, offset, phantom};
+use glam::{DAffine3, DVec3};
 
 use crate::spoiled::{bare, biased, ending_in_noise, fading, lowered, noisy, thick};
-use crate::support::{black, go_on, head, network, silver};
+use crate::support::{black, go_on, head, network, opinion, silver};
 use crate::wrong_heads::with_values;
 
 /// Heads, with a right mask of another program.
@@ -178,8 +178,7 @@ fn stripped(volume: &Volume, network: Option<&Network>) -> Quality {
     let found = network.map(|network| predict(volume, network, 0.5, &go_on));
     let opinion = match &found {
         None => Opinion::NotAsked,
-        Some(Ok(found)) if found.is_certain() => Opinion::Brain(&found.closed),
-        Some(Ok(_)) => Opinion::Uncertain,
+        Some(Ok(found)) => opinion(found),
         Some(Err(_)) => Opinion::NoBrain,
     };
     rated(volume, &mask, Origin::Stripped(opinion))
@@ -243,13 +242,69 @@ fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
 }
 
 #[test]
-fn a_mask_is_doubted_if_the_network_finds_no_brain_to_compare_it_with() {
+fn a_mask_is_doubted_if_the_network_finds_no_certain_brain_to_compare_it_with() {
     let made = phantom::head(4.0);
     let of = |opinion| codes(&rated(&made.volume, &made.brain, Origin::Supplied(opinion)));
     let alone = of(Opinion::NotAsked);
-    assert!(!alone.contains(&"network-no-brain"), "{alone:?}");
-    assert!(of(Opinion::NoBrain).contains(&"network-no-brain"));
-    assert_eq!(of(Opinion::Uncertain), alone);
+    for (opinion, code) in [
+        (Opinion::NoBrain, "network-no-brain"),
+        (Opinion::Uncertain, "network-uncertain"),
+    ] {
+        assert!(!alone.contains(&code), "{alone:?}");
+        assert!(of(opinion).contains(&code), "{code}");
+    }
+}
+
+#[test]
+fn only_a_supplied_mask_is_asked_whose_it_is() {
+    let made = phantom::head(4.0);
+    let brain = BrainMask::from_mask(&made.brain, made.volume.grid()).expect("a brain");
+    let small = offset(&brain, -20.0).expect("a smaller one");
+    let (small, _) = closed(&small, &made.volume).expect("a closed brain");
+    let is_asked = |origin| {
+        let quality = rated(&made.volume, &made.brain, origin);
+        let mut reasons = quality.reasons.into_iter();
+        let overlap = reasons.find(|reason| reason.code == "mask-overlap");
+        let sentence = overlap.expect("a reason").sentence;
+        sentence.contains("is this the mask of this head?")
+    };
+    assert!(is_asked(Origin::Supplied(Opinion::Brain(&small))));
+    assert!(!is_asked(Origin::Stripped(Opinion::Brain(&small))));
+}
+
+#[test]
+fn a_ball_with_a_brighter_core_is_doubted_with_its_own_mask() {
+    let Some(network) = network() else { return };
+    let grid = Grid::new([80; 3], DAffine3::from_scale(DVec3::splat(2.0))).expect("a grid");
+    let radius_mm = |index| {
+        let place = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+        2.0 * place.distance(DVec3::splat(39.5))
+    };
+    let all = 0..grid.voxel_count();
+    let voxels = all.clone().map(|index| match radius_mm(index) {
+        0.0..44.0 => 800,
+        44.0..68.0 => 500,
+        _ => 0,
+    });
+    let volume = Volume::new(
+        grid.clone(),
+        voxels.collect(),
+        Rescale {
+            slope: 1.0,
+            intercept: 0.0,
+        },
+    );
+    let volume = volume.expect("a volume");
+    let mask = all.map(|index| radius_mm(index) < 68.0).collect();
+    let mask = Mask::new(grid.clone(), mask).expect("a mask");
+    let found = predict(&volume, network, 0.5, &go_on).expect("something");
+    let quality = rated(&volume, &mask, Origin::Supplied(opinion(&found)));
+    assert_eq!(quality.rating, Rating::Review);
+    assert!(
+        codes(&quality).contains(&"network-uncertain"),
+        "{:?}",
+        quality.reasons
+    );
 }
 
 #[test]

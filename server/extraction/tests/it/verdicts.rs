@@ -8,14 +8,14 @@ use std::collections::BTreeMap;
 use extraction::{
     Extraction, Masked, Network, Opinion, Origin, Quality, Rating, closed, extract, predict, rate,
 };
-use geometry::{BrainMask, DistanceMap, Face, Mask, Volume};
+use geometry::{BrainMask, Face, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::spoiled::{
     biased, cut, half, masks, moved, noisy, oblique_zeros, of_another, rolled, stretched, thick,
     zeros,
 };
-use crate::support::{black, data, go_on, head, network};
+use crate::support::{black, data, go_on, head, network, opinion};
 use crate::wrong_heads::{noise, with_axes, with_values};
 
 /// A head: its folder, its volume, and the masks that other programs made of it.
@@ -44,10 +44,9 @@ fn mask_of(folder: &str, name: &str) -> Option<Mask> {
     Some(imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a mask"))
 }
 
-fn rated(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Quality> {
+fn rated(volume: &Volume, mask: &Mask, opinion: Opinion<'_>) -> Option<Quality> {
     let brain = BrainMask::from_mask(mask, volume.grid()).ok()?;
     let (distance, cuts) = closed(&brain, volume).expect("a closed brain");
-    let opinion = found.map_or(Opinion::NotAsked, Opinion::Brain);
     let masked = Masked {
         mask,
         brain: &brain,
@@ -201,7 +200,7 @@ fn verdicts_on_supplied_masks() {
         for (number, one) in heads.iter().enumerate() {
             let (folder, _, files) = one.head;
             let mut check = |what: &str, mask: &Mask, is_right: bool| {
-                let quality = rated(&one.volume, mask, Some(&one.found.closed));
+                let quality = rated(&one.volume, mask, opinion(&one.found));
                 row(folder, what, quality.as_ref());
                 let verdict = quality.as_ref().map(|quality| quality.rating);
                 tally.add(half, folder, (what, is_right), verdict == Some(Rating::Ok));
@@ -248,7 +247,7 @@ fn a_ragged_mask_that_fits_is_ok_without_a_network_and_beside_its_place_it_is_no
     let verdict_at = |offset_mm: DVec3| {
         let shift = DAffine3::from_translation(offset_mm);
         let mask = moved(&mask, volume.grid(), shift);
-        let quality = rated(&volume, &mask, None);
+        let quality = rated(&volume, &mask, Opinion::NotAsked);
         row(
             "colin27",
             &format!("ch2bet at {offset_mm}"),

@@ -143,23 +143,25 @@ fn a_slope_or_intercept_that_some_slices_lack_is_no_default_for_them() {
         .iter()
         .map(|slice| slice.file(Syntax::Explicit))
         .collect();
-    let ways: [fn(&[u8], Tag) -> Vec<u8>; 2] =
-        [|file, tag| with(file, tag, "DS", |_| Vec::new()), without];
     for (tag, name, defaults) in [
         (SLOPE, "RescaleSlope", [1.0, -10.0]),
         (INTERCEPT, "RescaleIntercept", [2.5, 0.0]),
     ] {
-        for lacking in ways {
+        for is_blank in [true, false] {
+            let lacking = |file: &[u8]| match is_blank {
+                true => with(file, tag, "DS", |_| Vec::new()),
+                false => without(file, tag),
+            };
             let mut some = whole.clone();
             for file in some.iter_mut().skip(1).step_by(2) {
-                *file = lacking(file, tag);
+                *file = lacking(file);
             }
             let error = converted(some).unwrap_err();
             assert_eq!(error.kind(), "dicom-value", "{error}");
             let words = format!("{name} of the image with instance number 2 cannot be read");
             assert!(error.to_string().contains(&words), "{error}");
 
-            let all = whole.iter().map(|file| lacking(file, tag)).collect();
+            let all = whole.iter().map(|file| lacking(file)).collect();
             let [slope, intercept] = defaults;
             let expected = plain(6)
                 .into_iter()
@@ -179,32 +181,24 @@ fn a_slope_or_intercept_that_some_slices_lack_is_no_default_for_them() {
 
 #[test]
 fn pixels_of_16_bits_state_whether_they_are_signed() {
-    let file = |slice: &Slice| slice.file(Syntax::Explicit);
-    let ways: [(fn(&[u8]) -> Vec<u8>, &str); 3] = [
-        (|file| without(file, IS_SIGNED), "absent or blank"),
-        (
-            |file| with(file, IS_SIGNED, "US", |_| Vec::new()),
-            "absent or blank",
-        ),
-        (
-            |file| with(file, IS_SIGNED, "US", |_| vec![7, 0]),
-            "7, neither 0 nor 1",
-        ),
+    let values: [(Option<&[u8]>, &str); 3] = [
+        (None, "absent or blank"),
+        (Some(&[]), "absent or blank"),
+        (Some(&[7, 0]), "7, neither 0 nor 1"),
     ];
-    for (spoiled, words) in ways {
-        let error = converted(
-            slices(4)
-                .iter()
-                .map(|slice| spoiled(&file(slice)))
-                .collect(),
+    for (value, words) in values {
+        let file = |slice: &Slice| {
+            let file = slice.file(Syntax::Explicit);
+            match value {
+                Some(value) => with(&file, IS_SIGNED, "US", |_| value.to_vec()),
+                None => without(&file, IS_SIGNED),
+            }
+        };
+        let error = converted(slices(4).iter().map(file).collect()).unwrap_err();
+        let words = format!(
+            "PixelRepresentation of the image with instance number 1 cannot be read: it is {words}"
         );
-        let error = error.unwrap_err();
-        assert!(
-            error.to_string().contains(&format!(
-                "PixelRepresentation of the image with instance number 1 cannot be read: it is {words}"
-            )),
-            "{error}"
-        );
+        assert!(error.to_string().contains(&words), "{error}");
     }
     // 8 bits are never signed in practice.
     let of_8_bits = |slice: &Slice| {
