@@ -86,7 +86,15 @@ prepared_demo() {
 }
 
 python_lints() (cd python && "$python" -m ruff check --quiet && "$python" -m ruff format --quiet --check && "$python" -m mypy)
-python_tests() { ISOCORTEX_BINARY=$(target_dir)/debug/isocortex "$python" -m pytest --quiet --config-file python/pyproject.toml python; }
+python_tests() {
+  local tests=("$python" -m pytest --quiet --config-file python/pyproject.toml)
+  ISOCORTEX_BINARY=$(target_dir)/debug/isocortex
+  export ISOCORTEX_BINARY
+  "${tests[@]}" python && return
+  [ "$retries" != 0 ] || return 1
+  say "REPEATED: the Python package"
+  "${tests[@]}" --last-failed python
+}
 
 page_tests() { npm test --silent --prefix web; }
 browser_tests() {
