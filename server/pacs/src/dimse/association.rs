@@ -142,8 +142,10 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         return Err(Abort::Rejected);
     }
     let refused = request.presentation_contexts.len() - contexts.len();
-    if refused > 0 {
-        let why = "for another service, or in a transfer syntax that is not known";
+    let why = "for another service, or in a transfer syntax that is not known";
+    if contexts.is_empty() {
+        tracing::info!(why, "all presentation contexts were refused");
+    } else if refused > 0 {
         tracing::debug!(
             contexts = refused,
             why,
