@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::StatusCode;
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use futures_util::future::join_all;
 use isocortex::config::Config;
 use render::gpu::{Fault, GpuPool};

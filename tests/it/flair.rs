@@ -3,7 +3,7 @@
 use analysis::testing::brain::{BrainPhantom, SimulatedLayer};
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode, header};
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use geometry::Volume;
 use glam::{DAffine3, DQuat, DVec3};
 use serde_json::{Value, json};

@@ -6,7 +6,7 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use case::{CaseId, SurfaceName};
 use cases::models::WarmModel;
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use glam::{DVec3, Vec3};
 use render::{Camera, FrameSize, Hemisphere, MapDisc, MapProjection, MapSides};
 

@@ -5,7 +5,7 @@ use std::io::Read as _;
 use analysis::testing::brain::{self, BrainPhantom};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use cases::settings::MapsUse;
 use geometry::{Grid, Mask, Rescale, Volume};
 use glam::DVec3;

@@ -1,7 +1,7 @@
 //! Positions of the pixels of a picture.
 
 use axum::http::StatusCode;
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use cases::settings::MapsUse;
 
 use crate::head::SPACING_MM;

@@ -5,7 +5,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use axum::http::StatusCode;
-use cases::pictures::{GpuUse, GraphicsState};
+use cases::pictures::GraphicsState;
+use cases::settings::GpuUse;
 use cases::settings::MapsUse;
 use futures_util::future::join_all;
 use nix::time::{ClockId, clock_gettime};

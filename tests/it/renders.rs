@@ -4,7 +4,7 @@ use std::io::{Cursor, Read as _};
 
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use serde_json::{Value, json};
 
 use crate::head::plain_head;

@@ -2,7 +2,7 @@
 
 use analysis::testing::brain::{self, BrainPhantom};
 use axum::http::StatusCode;
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use cases::settings::MapsUse;
 use geometry::{Rescale, Volume};
 use glam::DVec3;

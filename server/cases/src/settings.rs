@@ -5,9 +5,7 @@ use std::path::PathBuf;
 
 use pipeline::HeadLimits;
 use pipeline::atlas::AtlasChoice;
-use serde::Deserialize;
-
-use crate::pictures::GpuUse;
+use serde::{Deserialize, Serialize};
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
 const DICOM_UNPACKING: u64 = 4;
@@ -123,6 +121,19 @@ pub struct Render {
     pub gpu_case_bytes: u64,
     /// Memory for what is kept of cases, in bytes.
     pub cache_bytes: u64,
+}
+
+/// Whether a GPU may draw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GpuUse {
+    /// If there is a hardware GPU.
+    #[default]
+    Auto,
+    /// Also with a software driver, which is slower than the CPU renderers.
+    Always,
+    /// Never: no driver is loaded.
+    Off,
 }
 
 impl Default for Render {

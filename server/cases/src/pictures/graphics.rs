@@ -6,26 +6,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use render::gpu::{AdapterSummary, GpuError, GpuOptions, GpuPool};
-use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-use crate::settings::Render;
+use crate::settings::{GpuUse, Render};
 
 /// How long a picture waits for a slow driver.
 const PATIENCE: Duration = Duration::from_secs(5);
-
-/// Whether a GPU may draw.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum GpuUse {
-    /// If there is a hardware GPU.
-    #[default]
-    Auto,
-    /// Also with a software driver, which is slower than the CPU renderers.
-    Always,
-    /// Never: no driver is loaded.
-    Off,
-}
 
 /// The graphics device, once it is known whether there is one. Cheap to clone.
 #[derive(Debug, Clone)]

@@ -18,7 +18,7 @@ pub use self::acquired::{AcquiredQuery, CheckedAcquired};
 pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, positions, shown_depth, warm_jobs};
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
-pub use self::graphics::{GpuUse, Graphics, GraphicsState};
+pub use self::graphics::{Graphics, GraphicsState};
 pub use self::layers::{
     ChosenLayer, ChosenLayers, LayerChoice, LayerRef, MAPS_OFF, NO_FLAIR, PictureLayers, ready,
     style_of_layer, style_of_map,

@@ -2,7 +2,7 @@
 
 use case::{Contrast, LayerKind, MaskKind, MaskSource};
 use cases::dicom::Form;
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::logs::LogFormat;

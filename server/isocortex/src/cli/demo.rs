@@ -12,7 +12,7 @@ use super::status::{CliError, ExitStatus};
 use super::{choices, read_input};
 use crate::logs;
 use case::Parameters;
-use cases::pictures::GpuUse;
+use cases::settings::GpuUse;
 use pipeline::Source;
 use pipeline::atlas::ATLAS_FOLDER;
 

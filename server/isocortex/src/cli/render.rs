@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use case::CaseId;
 use cases::jobs::start_workers;
-use cases::pictures::{GpuUse, PictureRequest, PictureSeries, SeriesPicture};
+use cases::pictures::{PictureRequest, PictureSeries, SeriesPicture};
+use cases::settings::GpuUse;
 use cases::settings::Render;
 use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
