@@ -117,7 +117,7 @@ def test_what_is_too_deep_is_said(case):
         (lambda case: case.mesh(-1), "depth-negative", "must not be negative"),
         (lambda case: case.map("flair"), "maps-undefined", "no layer of this case is a FLAIR"),
         (lambda case: iso.open("head.nii.gz", closing_radius_mm=3000), "closing-radius-out-of-range", "0 to 50"),
-        (lambda case: iso.open(__file__), "not-nifti", "send a NIfTI volume"),
+        (lambda case: iso.open(__file__), "not-nifti", "send a NIfTI or MGH volume"),
         (lambda case: iso.open("folder"), "dicom-none", "none of 1 files is DICOM"),
         (lambda case: iso.open("head.nii.gz", server="http://127.0.0.1:9"), "", "check the address"),
         (lambda case: iso.open("head.nii.gz", server=case._connection.address), "unauthorized", "pass token="),

@@ -123,8 +123,12 @@ def test_the_program_ends_if_its_watcher_is_killed():
 
 @needs_proc
 def test_an_interrupt_at_the_terminal_ends_what_python_does_and_not_the_program():
-    text = START + "try: time.sleep(600)\nexcept KeyboardInterrupt: print(len(server.cases()), flush=True)\ninput()"
+    text = START + (
+        "try: print('at work', flush=True); time.sleep(600)\n"
+        "except KeyboardInterrupt: print(len(server.cases()), flush=True)\ninput()"
+    )
     with Script(text, start_new_session=True) as script:
+        assert script.process.stdout.readline() == "at work\n"
         os.killpg(script.process.pid, signal.SIGINT)
         assert script.process.stdout.readline() == "0\n"
         assert all(map(is_alive, script.below))
