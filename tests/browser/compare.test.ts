@@ -77,7 +77,7 @@ test("the page leads to two cases, which are linked in angle, depth, point and w
   await page.goto(new URL(`#${first}&d=12`, server.address).href);
   await typeToken(page);
   await shown(page);
-  await page.locator(".bar > a").click();
+  await page.locator(".bar > a[href=compare]").click();
   // The token was handed on: nobody is asked a second time, neither here nor in the frames.
   let release = (): void => {};
   const held = new Promise<void>((resolve) => (release = resolve));

@@ -324,7 +324,7 @@ test("the edges on a slice of the page are those of the server", { skip, timeout
 test("slices of the acquired plane say which image of which series they are", { skip }, async () => {
   const { page, troubles, context } = await openPage(browser, {}, "images");
   await page.route(
-    (url) => /\/v1\/cases(\/[0-9a-f]{32})?$/.test(url.pathname),
+    (url) => /\/v1\/cases(\/search|\/[0-9a-f]{32})?$/.test(url.pathname),
     async (route) => {
       const response = await route.fetch();
       const json = (await response.json()) as { volume: object } & { cases?: readonly { volume: object }[] };

@@ -7,9 +7,9 @@ use crate::{ImagingError, Limits};
 
 use super::affine::Form;
 use super::header::Header;
-use super::mgh::{self, MGH_HEADER};
+use super::mgh;
 use super::source::{Source, check_promise};
-use super::start::{LONGEST_HEADER, header_length};
+use super::start::{LONGEST_HEADER, MGH_HEADER, header_length};
 
 /// Bytes of a chunk: a whole number of voxels of any type, small enough for the cache.
 const CHUNK_BYTES: usize = 256 << 10;

@@ -11,9 +11,6 @@ use crate::ImagingError;
 
 use super::start::LONGEST_HEADER;
 
-/// Bytes before the first voxel.
-pub(super) const MGH_HEADER: usize = 284;
-
 /// The header of NIfTI-2 that says what the `MGH_HEADER` bytes say, but for the place of the voxels.
 pub(super) fn as_nifti(bytes: &[u8]) -> Result<Vec<u8>, ImagingError> {
     let four = |at: usize| bytes[at..at + 4].try_into().expect("four bytes");

@@ -1,12 +1,13 @@
 //! How a header starts: its length, which is that of its version, in its byte order; of MGH, its version.
 
-use super::mgh::MGH_HEADER;
-
 /// Bytes of a NIfTI-2 header, the longest.
 pub(crate) const LONGEST_HEADER: usize = 540;
 
 /// Bytes of a NIfTI-1 header, and of an Analyze header.
 pub(super) const NIFTI_1_HEADER: usize = 348;
+
+/// Bytes of an MGH header, before the first voxel.
+pub(super) const MGH_HEADER: usize = 284;
 
 /// Which byte of a number comes first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
