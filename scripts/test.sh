@@ -50,6 +50,16 @@ count_tests() {
     -e 's/^([0-9]+ failed, )?([0-9]+) passed.* in [0-9].*/\2/p')
 }
 
+# with_retries NAME COMMAND...: runs the command, and once more if it fails and a failed test may be repeated.
+with_retries() {
+  local name=$1
+  shift
+  "$@" && return
+  [ "$retries" != 0 ] || return 1
+  say "REPEATED: $name"
+  "$@"
+}
+
 # rust_tests TARGETS...: uses nextest if it is installed.
 rust_tests() {
   if have cargo-nextest; then
@@ -87,13 +97,9 @@ prepared_demo() {
 
 python_lints() (cd python && "$python" -m ruff check --quiet && "$python" -m ruff format --quiet --check && "$python" -m mypy)
 python_tests() {
-  local tests=("$python" -m pytest --quiet --config-file python/pyproject.toml)
   ISOCORTEX_BINARY=$(target_dir)/debug/isocortex
   export ISOCORTEX_BINARY
-  "${tests[@]}" python && return
-  [ "$retries" != 0 ] || return 1
-  say "REPEATED: the Python package"
-  "${tests[@]}" --last-failed python
+  with_retries "the Python package" "$python" -m pytest --quiet --config-file python/pyproject.toml python
 }
 
 page_tests() { npm test --silent --prefix web; }
@@ -104,19 +110,9 @@ browser_tests() {
   # Each file that shows the demo's head begins with a copy of this store.
   ISOCORTEX_PREPARED_DEMO=$(target_dir)/prepared-demo
   export ISOCORTEX_BINARY ISOCORTEX_PREPARED_DEMO
-  if ! prepared_demo; then
-    [ "$retries" != 0 ] || return 1
-    say "REPEATED: the preparation of the demo's head"
-    prepared_demo || return 1
-  fi
+  with_retries "the preparation of the demo's head" prepared_demo || return 1
   for file in web/build/browser/*.test.mjs; do
-    node --test "$file" && continue
-    if [ "$retries" = 0 ]; then
-      status=1
-    else
-      say "REPEATED: $file"
-      node --test "$file" || status=1
-    fi
+    with_retries "$file" node --test "$file" || status=1
   done
   return "$status"
 }
