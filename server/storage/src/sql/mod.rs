@@ -203,15 +203,17 @@ where
     D::Connection: Migrate,
 {
     let migrations = migrations.concat();
-    let known = migrations.iter().map(|&(version, ..)| version).max();
-    let known = known.unwrap_or_default();
+    let versions = || migrations.iter().map(|&(version, ..)| version);
+    let first = versions().min().unwrap_or_default();
+    let known = versions().max().unwrap_or_default();
     let steps = migrations.iter().map(|&(version, name, statements)| {
         let (kind, statements) = (MigrationType::Simple, statements.into_sql_str());
         Migration::new(version, name.into(), kind, statements, false)
     });
     let migrator = Migrator::with_migrations(steps.collect());
     migrator.run(pool).await.map_err(|error| match error {
-        MigrateError::VersionMissing(found) if found > known => {
+        // Those before the first one are of development versions.
+        MigrateError::VersionMissing(found) if found > first => {
             StoreError::NewerSchema { found, known }
         }
         other => other.into(),
