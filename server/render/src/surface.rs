@@ -14,6 +14,10 @@ use crate::{Frame, FrameSize, Hits, RenderRequest, Scene};
 /// Rows per piece of work of a thread.
 pub(crate) const BAND: usize = 16;
 
+/// Bands that a picture has in the pool at once, for each thread. A pool ends what it has begun before it takes what others wait for: a
+/// large picture that asked for all its bands at once would keep every other waiting until it is drawn.
+const BANDS_IN_TURN: usize = 8;
+
 /// Finds the point of an isosurface that each pixel shows.
 pub(crate) trait Surface: Sync {
     /// Writes what each pixel of some rows shows, from row `first` on; `rows` hold nothing before.
@@ -84,29 +88,26 @@ impl<S: Surface> Softened<'_, S> {
                     finish(first + row, &mut rows[row], pixels);
                 }
             };
-        let mut ends: Vec<[Vec<PointRow>; 2]> = pixels
-            .par_chunks_mut(per_row * BAND)
-            .enumerate()
-            .map(|(band, pixels)| {
-                let first = band * BAND;
-                let mut rows = vec![
-                    PointRow::new(self.size.width() as usize, self.with_inward);
-                    pixels.len() / per_row
-                ];
-                self.surface.find_rows(first, &mut rows);
-                let count = rows.len();
-                let ends = [
-                    rows[..count.min(2)].to_vec(),
-                    rows[count.saturating_sub(2)..].to_vec(),
-                ];
-                let from = usize::from(first > 0);
-                let to = count - usize::from(first + count < height);
-                if from < to {
-                    finish_rows(first, &mut rows, from..to, &mut pixels[from * per_row..]);
-                }
-                ends
-            })
-            .collect();
+        let bands = pixels.chunks_mut(per_row * BAND).enumerate();
+        let mut ends: Vec<[Vec<PointRow>; 2]> = in_turns(bands, |(band, pixels)| {
+            let first = band * BAND;
+            let mut rows = vec![
+                PointRow::new(self.size.width() as usize, self.with_inward);
+                pixels.len() / per_row
+            ];
+            self.surface.find_rows(first, &mut rows);
+            let count = rows.len();
+            let ends = [
+                rows[..count.min(2)].to_vec(),
+                rows[count.saturating_sub(2)..].to_vec(),
+            ];
+            let from = usize::from(first > 0);
+            let to = count - usize::from(first + count < height);
+            if from < to {
+                finish_rows(first, &mut rows, from..to, &mut pixels[from * per_row..]);
+            }
+            ends
+        });
         let beside: Vec<Vec<PointRow>> = (1..ends.len())
             .map(|band| {
                 let [_, above] = &mut ends[band - 1];
@@ -118,13 +119,27 @@ impl<S: Surface> Softened<'_, S> {
         let Some(pixels) = pixels.get_mut((BAND - 1) * per_row..) else {
             return;
         };
-        pixels
-            .par_chunks_mut(per_row * BAND)
-            .zip(beside)
-            .enumerate()
-            .for_each(|(band, (pixels, mut rows))| {
-                finish_rows((band + 1) * BAND - 2, &mut rows, 1..3, pixels);
-            });
+        let seams = pixels.chunks_mut(per_row * BAND).zip(beside).enumerate();
+        in_turns(seams, |(band, (pixels, mut rows))| {
+            finish_rows((band + 1) * BAND - 2, &mut rows, 1..3, pixels);
+        });
+    }
+}
+
+/// What `draw` returns for each piece of a picture, in order. All threads draw, and after some pieces those of other pictures come.
+fn in_turns<I: Send, R: Send>(
+    pieces: impl Iterator<Item = I>,
+    draw: impl Fn(I) -> R + Sync + Send,
+) -> Vec<R> {
+    let in_turn = BANDS_IN_TURN * rayon::current_num_threads();
+    let mut pieces = pieces.fuse();
+    let mut drawn = Vec::with_capacity(pieces.size_hint().0);
+    loop {
+        let turn: Vec<I> = pieces.by_ref().take(in_turn).collect();
+        if turn.is_empty() {
+            return drawn;
+        }
+        drawn.par_extend(turn.into_par_iter().map(&draw));
     }
 }
 
@@ -213,15 +228,49 @@ fn for_each_row<T: Send>(
     take: impl Fn(usize, &mut PointRow, &mut [T]) + Sync,
 ) {
     let per_row = out.len() / size.height() as usize;
-    out.par_chunks_mut(per_row * BAND)
-        .enumerate()
-        .for_each(|(band, out)| {
-            let first = band * BAND;
-            let mut rows =
-                vec![PointRow::new(size.width() as usize, with_inward); out.len() / per_row];
-            surface.find_rows(first, &mut rows);
-            for (row, out) in out.chunks_exact_mut(per_row).enumerate() {
-                take(first + row, &mut rows[row], out);
-            }
+    in_turns(out.chunks_mut(per_row * BAND).enumerate(), |(band, out)| {
+        let first = band * BAND;
+        let mut rows = vec![PointRow::new(size.width() as usize, with_inward); out.len() / per_row];
+        surface.find_rows(first, &mut rows);
+        for (row, out) in out.chunks_exact_mut(per_row).enumerate() {
+            take(first + row, &mut rows[row], out);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+    use std::thread;
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn a_picture_lets_others_pass_after_some_of_its_bands() {
+        let (begin, begun) = mpsc::channel();
+        let (pass, passed) = mpsc::channel();
+        let next_turn = BANDS_IN_TURN * rayon::current_num_threads();
+        thread::scope(|scope| {
+            scope.spawn(move || {
+                begun.recv().expect("the large picture begins");
+                assert_eq!(in_turns(0..3, |band| 2 * band), [0, 2, 4]);
+                pass.send(()).expect("the large picture waits");
+            });
+            let bands = (0..2 * next_turn + 1).inspect(|&band| {
+                if band == next_turn {
+                    passed
+                        .recv_timeout(Duration::from_secs(30))
+                        .expect("the other picture is drawn between two turns");
+                }
+            });
+            let drawn = in_turns(bands, |band| {
+                if band == 0 {
+                    begin.send(()).expect("the other picture waits");
+                }
+                band
+            });
+            assert!(drawn.into_iter().eq(0..2 * next_turn + 1));
         });
+    }
 }
