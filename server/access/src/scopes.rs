@@ -4,9 +4,11 @@ use std::fmt;
 use std::str::FromStr;
 
 use serde::Deserialize;
+use strum::IntoStaticStr;
 
 /// What a token may be used for. Only scopes are checked; a role is a name for several ([`Role`]).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Scope {
     /// Look at everything: cases, pictures, findings, the identity of patients, what a PACS sent.
     Read,
@@ -37,15 +39,7 @@ impl Scope {
 
     /// Its word in files and on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Write => "write",
-            Self::DicomStore => "dicom-store",
-            Self::DicomReject => "dicom-reject",
-            Self::Results => "results",
-            Self::Metrics => "metrics",
-            Self::Admin => "admin",
-        }
+        self.into()
     }
 }
 
@@ -71,7 +65,8 @@ impl FromStr for Scope {
 }
 
 /// A name for several scopes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(try_from = "String")]
 pub enum Role {
     Viewer,
@@ -87,12 +82,7 @@ impl Role {
 
     /// Its word on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Viewer => "viewer",
-            Self::Editor => "editor",
-            Self::Pacs => "pacs",
-            Self::Admin => "admin",
-        }
+        self.into()
     }
 
     /// What it may do.

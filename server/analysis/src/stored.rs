@@ -13,6 +13,7 @@
 
 use geometry::Grid;
 use glam::DAffine3;
+use strum::{IntoStaticStr, VariantArray};
 
 /// The version of the computation and storage of maps. Maps of another version are computed again.
 pub const MAP_FORMAT: u32 = 9;
@@ -24,7 +25,8 @@ const MAGIC: &[u8; 8] = b"ISOMAP03";
 const HEADER_BYTES: usize = 8 + 4 + 3 * 4 + 12 * 8 + 2 * 4;
 
 /// The kind of a map.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 #[repr(u32)]
 pub enum MapKind {
     /// Sharpness of the junction, per mm.
@@ -45,15 +47,7 @@ pub enum MapKind {
 
 impl MapKind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 7] = [
-        Self::Sharpness,
-        Self::Junction,
-        Self::Asymmetry,
-        Self::IntensityAsymmetry,
-        Self::Blur,
-        Self::Thickness,
-        Self::Flair,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// Those that are computed from a head alone, in the order of their numbers.
     pub const OF_HEAD: [Self; 6] = [
@@ -67,15 +61,7 @@ impl MapKind {
 
     /// Its name in the interfaces.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Sharpness => "sharpness",
-            Self::Junction => "junction",
-            Self::Asymmetry => "asymmetry",
-            Self::IntensityAsymmetry => "intensity-asymmetry",
-            Self::Blur => "blur",
-            Self::Thickness => "thickness",
-            Self::Flair => "flair",
-        }
+        self.into()
     }
 
     /// The unit of its values, for legends.
@@ -247,7 +233,8 @@ impl StoredMap {
             f32::from_le_bytes(*bytes.expect("within the header"))
         };
         let kind = MapKind::ALL
-            .into_iter()
+            .iter()
+            .copied()
             .find(|kind| *kind as u32 == whole(0))
             .ok_or(damaged("its kind is unknown"))?;
         let affine = DAffine3::from_cols_array(&std::array::from_fn(entry));
@@ -324,7 +311,7 @@ mod tests {
 
     #[test]
     fn codes_keep_to_their_ends_and_to_undefined() {
-        for kind in MapKind::ALL {
+        for &kind in MapKind::ALL {
             let scale = kind.scale();
             assert_eq!(scale.code(f32::NAN), UNDEFINED);
             assert_eq!(scale.code(f32::NEG_INFINITY), 1);

@@ -40,18 +40,6 @@ pub enum FailureKind {
     Internal,
 }
 
-impl FailureKind {
-    pub const ALL: [Self; 7] = [
-        Self::NotRecognised,
-        Self::TooLarge,
-        Self::Unusable,
-        Self::NotSupported,
-        Self::OutOfMemory,
-        Self::Cancelled,
-        Self::Internal,
-    ];
-}
-
 impl Failure {
     /// A failure of the given kind.
     pub fn new(kind: FailureKind, name: &str, detail: impl Into<String>) -> Self {

@@ -5,6 +5,7 @@
 use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use crate::{Gyrus, MapName, PatientSide, is_control};
 
@@ -23,7 +24,8 @@ const MAX_LABEL_LENGTH: usize = 200;
 const MAX_NOTE_LENGTH: usize = 10_000;
 
 /// The form of a finding.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum FindingKind {
@@ -40,12 +42,7 @@ pub enum FindingKind {
 impl FindingKind {
     /// The name in JSON and CSV.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Point => "point",
-            Self::Line => "line",
-            Self::Polygon => "polygon",
-            Self::Trajectory => "trajectory",
-        }
+        self.into()
     }
 
     /// What is wrong with so many points; `None` if nothing is.
@@ -65,7 +62,8 @@ impl FindingKind {
 }
 
 /// How certain the reader is that a finding is abnormal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Certainty {
@@ -82,12 +80,7 @@ pub enum Certainty {
 impl Certainty {
     /// The name in JSON and CSV.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Definite => "definite",
-            Self::Probable => "probable",
-            Self::Possible => "possible",
-            Self::Unlikely => "unlikely",
-        }
+        self.into()
     }
 }
 

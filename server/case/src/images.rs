@@ -6,6 +6,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use crate::series::Uid;
 
@@ -133,7 +134,8 @@ pub struct Image {
 }
 
 /// Why a case, a layer or a result is closed. The first that holds is stated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Closed {
     /// The PACS has sent another image under the UID of one that it was made of.
     Corrected,
@@ -142,15 +144,9 @@ pub enum Closed {
 }
 
 impl Closed {
-    /// Both, for metrics and words.
-    pub const ALL: [Self; 2] = [Self::Corrected, Self::Rejected];
-
     /// The word in answers.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Corrected => "corrected",
-            Self::Rejected => "rejected",
-        }
+        self.into()
     }
 
     /// The reason as a sentence without its end.

@@ -1,5 +1,7 @@
 //! The vocabulary of jobs: work that one process at a time does, and that is tried so many times.
 
+use strum::{EnumString, IntoStaticStr};
+
 use crate::{Failure, FailureKind};
 
 /// A kind of job. Whoever does the work names its kind. The store knows those of its own items; of all others, it knows the word alone.
@@ -35,7 +37,8 @@ impl JobKind {
 }
 
 /// The state of a job.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum JobState {
     Queued,
     /// A process is at it.
@@ -48,18 +51,12 @@ pub enum JobState {
 impl JobState {
     /// The word in rows and answers.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Queued => "queued",
-            Self::Running => "running",
-            Self::Done => "done",
-            Self::Failed => "failed",
-        }
+        self.into()
     }
 
     /// What a word means.
     pub fn from_name(name: &str) -> Option<Self> {
-        let all = [Self::Queued, Self::Running, Self::Done, Self::Failed];
-        all.into_iter().find(|state| state.name() == name)
+        name.parse().ok()
     }
 
     /// Whether it will not change by itself any more.

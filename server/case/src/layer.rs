@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use crate::facts::is_zero;
 use crate::id::{half, id_as_text};
@@ -80,7 +81,10 @@ impl LayerId {
 }
 
 /// What the values of a layer are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, IntoStaticStr,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum LayerKind {
@@ -111,13 +115,7 @@ impl LayerKind {
 
     /// The name in JSON and on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Mr => "mr",
-            Self::Ct => "ct",
-            Self::Pet => "pet",
-            Self::Map => "map",
-            Self::Labels => "labels",
-        }
+        self.into()
     }
 
     /// Whether it is an image of the head, which can be registered.
@@ -127,7 +125,8 @@ impl LayerKind {
 }
 
 /// The contrast of an MR sequence.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Contrast {
@@ -146,12 +145,7 @@ impl Contrast {
 
     /// The name in JSON and on the command line.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::T1 => "t1",
-            Self::T2 => "t2",
-            Self::Flair => "flair",
-            Self::Other => "other",
-        }
+        self.into()
     }
 
     /// From the name of a sequence or of a layer: `FLAIR`, `T2 tse`. `None` if the name does not tell.
@@ -388,7 +382,8 @@ fn is_short_text(text: &str, most: usize) -> bool {
 }
 
 /// Where the matrix of a layer comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MatrixOrigin {
@@ -403,11 +398,7 @@ pub enum MatrixOrigin {
 impl MatrixOrigin {
     /// The name in JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Header => "header",
-            Self::Registered => "registered",
-            Self::ByHand => "by-hand",
-        }
+        self.into()
     }
 
     /// For people: `placed by its header`.

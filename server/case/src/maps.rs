@@ -1,11 +1,15 @@
 //! The maps of a case: what they are called, and the places that stand out in them.
 
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr};
 
 use crate::{Gyrus, PatientSide, QualityState};
 
 /// A map of the junction of grey and white matter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, EnumString, IntoStaticStr,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MapName {
@@ -50,25 +54,18 @@ impl MapName {
 
     /// The name in addresses and JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Blur => "blur",
-            Self::Sharpness => "sharpness",
-            Self::Asymmetry => "asymmetry",
-            Self::IntensityAsymmetry => "intensity-asymmetry",
-            Self::Junction => "junction",
-            Self::Thickness => "thickness",
-            Self::Flair => "flair",
-        }
+        self.into()
     }
 
     /// The map of a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|map| map.name() == name)
+        name.parse().ok()
     }
 }
 
 /// A region of the brain.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum BrainRegion {
@@ -85,17 +82,13 @@ pub enum BrainRegion {
 impl BrainRegion {
     /// The name in JSON and CSV.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Cerebrum => "cerebrum",
-            Self::Cerebellum => "cerebellum",
-            Self::BrainStem => "brain-stem",
-            Self::Deep => "deep",
-        }
+        self.into()
     }
 }
 
 /// Whether a score is higher than those of heads without a lesion. The limits belong to the format of the maps.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Unusual {
@@ -110,11 +103,7 @@ pub enum Unusual {
 impl Unusual {
     /// The name in JSON and CSV.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Yes => "yes",
-            Self::Borderline => "borderline",
-            Self::No => "no",
-        }
+        self.into()
     }
 }
 

@@ -1,7 +1,10 @@
 //! The objects that are stored for a case and its layers.
 
+use strum::{IntoStaticStr, VariantArray};
+
 /// The kind of a stored object.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum ObjectKind {
     SourceVolume,
     SourceMask,
@@ -35,24 +38,7 @@ pub enum ObjectKind {
 }
 
 impl ObjectKind {
-    pub const ALL: [Self; 16] = [
-        Self::SourceVolume,
-        Self::SourceMask,
-        Self::SourceDicom,
-        Self::Mask,
-        Self::Volume,
-        Self::WholeVolume,
-        Self::Envelope,
-        Self::Forest,
-        Self::Paths,
-        Self::Maps,
-        Self::Surfaces,
-        Self::Instance,
-        Self::Result,
-        Self::SourceLayer,
-        Self::Layer,
-        Self::Manifest,
-    ];
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// The kinds that a preparation computes from the uploaded files.
     pub const DERIVED: [Self; 6] = [
@@ -66,29 +52,12 @@ impl ObjectKind {
 
     /// Its name in rows and addresses.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::SourceVolume => "source-volume",
-            Self::SourceMask => "source-mask",
-            Self::SourceDicom => "source-dicom",
-            Self::Mask => "mask",
-            Self::Volume => "volume",
-            Self::WholeVolume => "whole-volume",
-            Self::Envelope => "envelope",
-            Self::Forest => "forest",
-            Self::Paths => "paths",
-            Self::Maps => "maps",
-            Self::Surfaces => "surfaces",
-            Self::Instance => "instance",
-            Self::Result => "result",
-            Self::SourceLayer => "source-layer",
-            Self::Layer => "layer",
-            Self::Manifest => "manifest",
-        }
+        self.into()
     }
 
     /// The kind with a name.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
+        Self::ALL.iter().copied().find(|kind| kind.name() == name)
     }
 
     /// Its number in the header of an object.
@@ -129,7 +98,7 @@ mod tests {
     #[test]
     fn names_and_codes_of_kinds_are_read_back_and_differ() {
         let mut codes = Vec::new();
-        for kind in ObjectKind::ALL {
+        for &kind in ObjectKind::ALL {
             assert_eq!(ObjectKind::from_name(kind.name()), Some(kind));
             assert!(!codes.contains(&kind.code()));
             codes.push(kind.code());

@@ -1,9 +1,13 @@
 //! The state and the progress of a case.
 
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr};
 
 /// The state of a case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, EnumString, IntoStaticStr,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "snake_case")]
 pub enum CaseState {
     /// It waits for a worker.
@@ -19,18 +23,12 @@ pub enum CaseState {
 impl CaseState {
     /// The name used in JSON and in rows.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Queued => "queued",
-            Self::Preparing => "preparing",
-            Self::Ready => "ready",
-            Self::Failed => "failed",
-        }
+        self.into()
     }
 
     /// The state with a name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
-        let all = [Self::Queued, Self::Preparing, Self::Ready, Self::Failed];
-        all.into_iter().find(|state| state.name() == name)
+        name.parse().ok()
     }
 
     /// Whether the state stays the same until somebody uploads or deletes.
@@ -40,7 +38,10 @@ impl CaseState {
 }
 
 /// The stages of a preparation, in order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, IntoStaticStr,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// The uploaded bytes are read.
@@ -77,24 +78,9 @@ impl Stage {
         Self::Storing,
     ];
 
-    /// The stage with a name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|stage| stage.name() == name)
-    }
-
     /// The name used in JSON and in rows.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Reading => "reading",
-            Self::Extracting => "extracting",
-            Self::Mask => "mask",
-            Self::Closing => "closing",
-            Self::Distance => "distance",
-            Self::Core => "core",
-            Self::Forest => "forest",
-            Self::Mesh => "mesh",
-            Self::Storing => "storing",
-        }
+        self.into()
     }
 }
 

@@ -1,9 +1,13 @@
 //! The quality of a mask: measurements and a rating.
 
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 /// The rating of a mask.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, IntoStaticStr,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum QualityState {
@@ -18,11 +22,7 @@ pub enum QualityState {
 impl QualityState {
     /// The name used in JSON and in headers.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::Review => "review",
-            Self::Failed => "failed",
-        }
+        self.into()
     }
 }
 

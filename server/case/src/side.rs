@@ -1,9 +1,11 @@
 //! The sides of the patient.
 
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 /// A side of the patient.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum PatientSide {
@@ -34,12 +36,7 @@ impl PatientSide {
 
     /// The name in JSON and CSV.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-            Self::Middle => "middle",
-            Self::Unknown => "unknown",
-        }
+        self.into()
     }
 }
 

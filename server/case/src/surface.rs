@@ -1,9 +1,13 @@
 //! The surfaces of a case.
 
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 /// A surface of a case, from which depth is measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, IntoStaticStr,
+)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Surface))]
 #[serde(rename_all = "lowercase")]
 pub enum SurfaceName {
@@ -19,16 +23,9 @@ pub enum SurfaceName {
 }
 
 impl SurfaceName {
-    pub const ALL: [Self; 4] = [Self::Whole, Self::Left, Self::Right, Self::Cerebrum];
-
     /// The name in addresses and JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Whole => "whole",
-            Self::Left => "left",
-            Self::Right => "right",
-            Self::Cerebrum => "cerebrum",
-        }
+        self.into()
     }
 
     /// What an annotated picture calls it; `None` for the whole brain.

@@ -1,12 +1,14 @@
 //! Measurements of a mask.
 
 use glam::DVec3;
+use strum::IntoStaticStr;
 
 use crate::runs::{Connectivity, largest_component_share};
 use crate::{BrainMask, Grid, Mask};
 
 /// A side of the patient, and the face of a volume at that side.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Face {
     /// The left side.
     Left,
@@ -35,14 +37,7 @@ impl Face {
 
     /// Its name in the interfaces: `left` …
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-            Self::Posterior => "posterior",
-            Self::Anterior => "anterior",
-            Self::Superior => "superior",
-            Self::Inferior => "inferior",
-        }
+        self.into()
     }
 
     /// The face nearest to a direction.

@@ -4,12 +4,14 @@ use std::str::FromStr;
 
 use geometry::BoundingSphere;
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use strum::IntoStaticStr;
 
 use crate::error::checked;
 use crate::{FrameSize, RenderError};
 
 /// A standard direction from which the head is seen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -50,16 +52,7 @@ impl NamedView {
     /// The name in the interfaces: `left`, `right`, `anterior`, `posterior`, `superior`, `inferior`, `mesial-left`,
     /// `mesial-right`.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-            Self::Anterior => "anterior",
-            Self::Posterior => "posterior",
-            Self::Superior => "superior",
-            Self::Inferior => "inferior",
-            Self::MesialLeft => "mesial-left",
-            Self::MesialRight => "mesial-right",
-        }
+        self.into()
     }
 
     /// The rotation from patient to view space.

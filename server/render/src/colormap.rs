@@ -2,10 +2,13 @@ mod viridis;
 
 use std::str::FromStr;
 
+use strum::IntoStaticStr;
+
 use crate::RenderError;
 
 /// The mapping from brightness, 0 to 255, to a colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -47,16 +50,7 @@ impl ColorMap {
     /// The name in the interfaces: `grey`, `inverted`, `hot`, `viridis`, `bone`, `vermilion-yellow`, `blue-orange`,
     /// `labels`.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Grey => "grey",
-            Self::Inverted => "inverted",
-            Self::Hot => "hot",
-            Self::Viridis => "viridis",
-            Self::Bone => "bone",
-            Self::VermilionYellow => "vermilion-yellow",
-            Self::BlueOrange => "blue-orange",
-            Self::Labels => "labels",
-        }
+        self.into()
     }
 
     /// Whether the map diverges from a neutral middle: an overlay is then transparent in the middle.

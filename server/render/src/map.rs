@@ -10,6 +10,7 @@
 use std::f64::consts::SQRT_2;
 
 use glam::{DMat3, DVec3};
+use strum::IntoStaticStr;
 
 use crate::{Camera, FrameSize};
 
@@ -77,7 +78,8 @@ pub enum MapFace {
 }
 
 /// The sides of the hemispheres that a map shows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -94,11 +96,7 @@ pub enum MapSides {
 impl MapSides {
     /// The name in the interfaces.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Outer => "outer",
-            Self::Inner => "inner",
-            Self::Both => "both",
-        }
+        self.into()
     }
 
     /// Its rows from the top.

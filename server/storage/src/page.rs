@@ -6,6 +6,7 @@ use jiff::Timestamp;
 
 use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseState};
+use strum::{EnumString, IntoStaticStr};
 
 /// Which cases to list, and how: those that fulfil each condition that is given; without one, all.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -32,7 +33,8 @@ pub struct CaseQuery {
 }
 
 /// What is to be done with a case, as far as its rows tell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Status {
     /// It is being prepared, or waits for that.
     Preparing,
@@ -44,26 +46,20 @@ pub enum Status {
 }
 
 impl Status {
-    const ALL: [Self; 4] = [Self::Preparing, Self::Failed, Self::New, Self::Begun];
-
     /// The name in JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Preparing => "preparing",
-            Self::Failed => "failed",
-            Self::New => "new",
-            Self::Begun => "begun",
-        }
+        self.into()
     }
 
     /// The status with a name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|status| status.name() == name)
+        name.parse().ok()
     }
 }
 
 /// The order of a list of cases. Those that are alike are listed newest first.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, EnumString, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Order {
     #[default]
     Newest,
@@ -77,28 +73,14 @@ pub enum Order {
 }
 
 impl Order {
-    const ALL: [Self; 5] = [
-        Self::Newest,
-        Self::Oldest,
-        Self::Label,
-        Self::Places,
-        Self::Findings,
-    ];
-
     /// The name in JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Newest => "newest",
-            Self::Oldest => "oldest",
-            Self::Label => "label",
-            Self::Places => "places",
-            Self::Findings => "findings",
-        }
+        self.into()
     }
 
     /// The order with a name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|order| order.name() == name)
+        name.parse().ok()
     }
 }
 

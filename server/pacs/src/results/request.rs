@@ -11,6 +11,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use utoipa::ToSchema;
 
 use http::problem::AppError;
+use strum::IntoStaticStr;
 
 /// The most pixels of all pictures of an object, which then has 96 MiB.
 const MAX_TOTAL_PIXELS: usize = 1 << 25;
@@ -19,7 +20,8 @@ const MAX_TOTAL_PIXELS: usize = 1 << 25;
 const MAX_LISTED: usize = 200;
 
 /// What a result shows, with the place of its kind among the numbers of series.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum What {
     /// A picture.
@@ -44,16 +46,7 @@ pub(crate) enum What {
 
 impl What {
     pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::View => "view",
-            Self::Sheet => "sheet",
-            Self::Envelope => "envelope",
-            Self::Mask => "mask",
-            Self::KeyObject => "key-object",
-            Self::Findings => "findings",
-            Self::FindingSegments => "finding-segments",
-            Self::Report => "report",
-        }
+        self.into()
     }
 }
 

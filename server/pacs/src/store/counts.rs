@@ -3,10 +3,13 @@
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 
+use strum::IntoStaticStr;
+
 use crate::values::ArrivalSource;
 
 /// What became of images of a PACS, by the way on which they came.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum ImageStatus {
     /// They are new, and durable.
     Stored,
@@ -25,14 +28,7 @@ pub enum ImageStatus {
 impl ImageStatus {
     /// Its name in metrics.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Stored => "stored",
-            Self::Known => "known",
-            Self::Corrected => "corrected",
-            Self::Refused => "refused",
-            Self::Ignored => "ignored",
-            Self::Failed => "failed",
-        }
+        self.into()
     }
 }
 

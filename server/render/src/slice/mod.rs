@@ -25,6 +25,7 @@ use edges::Edges;
 #[cfg(test)]
 pub(crate) use edges::{FULL_RISE, HALF_WIDTH, LEAST_RISE, RISE_REACH};
 pub use oblique::Oblique;
+use strum::IntoStaticStr;
 
 /// The largest number of contours in a picture.
 pub const MAX_CONTOURS: usize = 16;
@@ -50,7 +51,8 @@ impl SliceConvention {
 }
 
 /// Across which patient axis a slice lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -70,11 +72,7 @@ impl SlicePlane {
 
     /// The name in the interfaces: `axial`, `coronal`, `sagittal`.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Axial => "axial",
-            Self::Coronal => "coronal",
-            Self::Sagittal => "sagittal",
-        }
+        self.into()
     }
 
     /// The position of the slice through the middle of the envelope: an LPS coordinate in mm.

@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn names_come_back_from_their_texts_and_others_do_not() {
         let digest = blake3::hash(b"payload");
-        for kind in ObjectKind::ALL {
+        for &kind in ObjectKind::ALL {
             let name = ObjectName { kind, digest };
             let text = name.to_string();
             let (kind, digits) = text.split_once('/').unwrap();
