@@ -103,18 +103,24 @@ python_tests() {
 }
 
 page_tests() { npm test --silent --prefix web; }
+# browser_test FILE: its output at once, as two run at a time.
+browser_test() {
+  local output status=0
+  output=$(with_retries "$1" node --test "$1" 2>&1) || status=$?
+  echo "$output"
+  return "$status"
+}
 browser_tests() {
-  local file status=0
   node web/build.mjs tests || return 1
   ISOCORTEX_BINARY=$(target_dir)/debug/isocortex
   # Each file that shows the demo's head begins with a copy of this store.
   ISOCORTEX_PREPARED_DEMO=$(target_dir)/prepared-demo
   export ISOCORTEX_BINARY ISOCORTEX_PREPARED_DEMO
   with_retries "the preparation of the demo's head" prepared_demo || return 1
-  for file in web/build/browser/*.test.mjs; do
-    with_retries "$file" node --test "$file" || status=1
-  done
-  return "$status"
+  # A file keeps one core busy: most of its time its page, its server and the drawing of its pictures wait for one another.
+  export retries
+  export -f say with_retries browser_test
+  printf '%s\n' web/build/browser/*.test.mjs | xargs -P 2 -I FILE bash -c 'browser_test FILE'
 }
 
 [ -d "${ISOCORTEX_TEST_DATA:-../shared/data}" ] ||

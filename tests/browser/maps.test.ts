@@ -140,18 +140,20 @@ test(
     const size = await canvasSize(page);
     const table = ["share of lit pixels within 4/255 of the server's, and of its picture without the map"];
     const poor: string[] = [];
-    for (const [way, renderer] of [
-      ["exact", "trace"],
-      ["mesh", "mesh"],
+    // Each map from each side, and each side in each way.
+    const sides = [
+      ["left", 10],
+      ["superior", 16],
+    ] as const;
+    for (const [way, renderer, from] of [
+      ["exact", "trace", 0],
+      ["mesh", "mesh", 1],
     ] as const) {
-      for (const name of OWN_MAPS) {
+      for (const [number, name] of OWN_MAPS.entries()) {
         const first = firstOverlay(name);
         // Nearly all of a map is seen, and every part of its colours.
         const overlay = { ...first, threshold: first.threshold === null ? null : 0.5, opacity: 0.9 };
-        for (const [view, depth_mm] of [
-          ["left", 10],
-          ["superior", 16],
-        ] as const) {
+        for (const [view, depth_mm] of sides.filter((_, side) => (number + side) % 2 === from)) {
           await show(page, `#${id}&r=${way}&d=${depth_mm}&v=${view}&b=${overlayText(overlay)}`, way);
           // The first frame may come before the map's voxels.
           await seen(page, name);

@@ -506,41 +506,42 @@ test(
   { skip, timeout: 600_000 },
   async () => {
     const check = async (where: string): Promise<void> => assert.deepEqual(await violations(page), [], where);
-    for (const language of ["pt-BR", "en"]) {
+    for (const [language, theme] of [
+      ["pt-BR", "light"],
+      ["en", "dark"],
+    ] as const) {
       await speak(page, language);
       await shown(page);
       await page.waitForSelector("#surface[data-drawn=true]");
-      for (const theme of ["light", "dark"]) {
-        await inSettings(page, () => page.locator("#theme").selectOption(theme));
-        await page.locator("#surface").focus();
-        await page.locator(".layouts button[value=slices]").click();
-        await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
-        for (const name of ["case", "images", "read"] as const) {
-          await tab(page, name);
-          for (const group of await page.locator(".panel > details:visible").all())
-            if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
-          await check(`${language} ${theme} ${name}`);
-        }
-        if (theme === "light") await keep(page, `light-${language}`);
-        for (const layout of ["single", "mirror", "both"]) {
-          await page.locator(`.layouts button[value=${layout}]`).click();
-          await page.waitForSelector(`body[data-layout=${layout}]`);
-          await check(`${language} ${theme} ${layout}`);
-        }
-        for (const [name, opener] of [
-          ["help", ".bar .icon-button >> nth=-1"],
-          ["settings", "#settings"],
-          ["server-picture", "#menu-export button >> nth=2"],
-          ["series", "#menu-export button >> nth=3"],
-        ] as const) {
-          if (opener.startsWith("#menu-export")) await openMenu(page, "export");
-          await page.locator(opener).click();
-          await page.waitForSelector(`dialog.${name}`);
-          await check(`${language} ${theme} ${name}`);
-          if (theme === "dark") await keep(page, `${name}-${language}`);
-          await page.keyboard.press("Escape");
-          await page.waitForSelector("dialog", { state: "detached" });
-        }
+      await inSettings(page, () => page.locator("#theme").selectOption(theme));
+      await page.locator("#surface").focus();
+      await page.locator(".layouts button[value=slices]").click();
+      await page.locator("#add").evaluate((form) => form.setAttribute("open", ""));
+      for (const name of ["case", "images", "read"] as const) {
+        await tab(page, name);
+        for (const group of await page.locator(".panel > details:visible").all())
+          if ((await group.getAttribute("open")) === null) await group.locator("summary").first().click();
+        await check(`${language} ${theme} ${name}`);
+      }
+      if (theme === "light") await keep(page, `light-${language}`);
+      for (const layout of ["single", "mirror", "both"]) {
+        await page.locator(`.layouts button[value=${layout}]`).click();
+        await page.waitForSelector(`body[data-layout=${layout}]`);
+        await check(`${language} ${theme} ${layout}`);
+      }
+      for (const [name, opener] of [
+        ["help", ".bar .icon-button >> nth=-1"],
+        ["settings", "#settings"],
+        ["server-picture", "#menu-export button >> nth=2"],
+        ["series", "#menu-export button >> nth=3"],
+      ] as const) {
+        if (opener.startsWith("#menu-export")) await openMenu(page, "export");
+        await page.locator(opener).click();
+        await page.waitForSelector(`dialog.${name}`);
+        await check(`${language} ${theme} ${name}`);
+        if (theme === "dark") await keep(page, `${name}-${language}`);
+        await page.keyboard.press("Escape");
+        await page.waitForSelector("dialog", { state: "detached" });
       }
     }
     // Without a case, and where a token is asked for.

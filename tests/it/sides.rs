@@ -28,9 +28,24 @@ fn distance([a, b]: [[f32; 3]; 2]) -> f32 {
 
 /// How far the vertex of `mesh` is that is farthest from every vertex of `other`.
 fn farthest(mesh: &Positions, other: &Positions) -> f32 {
+    let mut sorted = other.clone();
+    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let nearest = |&a: &[f32; 3]| {
-        let distances = other.iter().map(|&b| distance([a, b]));
-        distances.fold(f32::INFINITY, f32::min)
+        let (before, after) = sorted.split_at(sorted.partition_point(|b| b[0] < a[0]));
+        let mut least = f32::INFINITY;
+        for side in [
+            &mut before.iter().rev() as &mut dyn Iterator<Item = &[f32; 3]>,
+            &mut after.iter(),
+        ] {
+            for &b in side {
+                // All that follow are farther away along the first axis alone.
+                if (b[0] - a[0]).abs() >= least {
+                    break;
+                }
+                least = least.min(distance([a, b]));
+            }
+        }
+        least
     };
     mesh.iter().map(nearest).fold(0.0, f32::max)
 }

@@ -24,15 +24,24 @@ pub(crate) fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
     let phantom = BrainPhantom::PLAIN;
     let grid = brain::grid();
     let (volume, mask) = phantom.head(&grid);
-    let own_from_voxel = phantom.placed.inverse() * grid.patient_from_voxel();
-    let ball = |index: usize| {
-        let voxel = grid.voxel(index).map(|along| along as f64);
-        own_from_voxel.transform_point3(voxel.into()).distance(BALL) < BALL_MM
-    };
-    let voxels = volume.voxels().iter().enumerate();
-    let mut voxels: Vec<u16> = voxels
-        .map(|(index, &voxel)| if ball(index) { BALL_INTENSITY } else { voxel })
-        .collect();
+    let mut voxels = volume.voxels().to_vec();
+    let centre = phantom.placed.transform_point3(BALL);
+    let middle = grid.voxel_from_patient().transform_point3(centre);
+    // Voxels of 1 mm.
+    let around = middle.to_array().map(|place| {
+        let [low, high] = [place - BALL_MM, place + BALL_MM].map(|end| end.round() as usize);
+        low..=high
+    });
+    for z in around[2].clone() {
+        for y in around[1].clone() {
+            for x in around[0].clone() {
+                let voxel = [x, y, z].map(|along| along as f64);
+                if middle.distance(voxel.into()) < BALL_MM {
+                    voxels[grid.index([x, y, z])] = BALL_INTENSITY;
+                }
+            }
+        }
+    }
     let mut mask = mask.voxels().to_vec();
     if is_mirrored {
         for row in voxels.chunks_exact_mut(grid.size()[0]) {

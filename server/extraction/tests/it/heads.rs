@@ -1,7 +1,7 @@
 //! Real heads, where they are: how well their brains are found, and how stably.
 
 use extraction::{Rating, predict, prune};
-use geometry::{Grid, Volume, envelope};
+use geometry::{BrainMask, Grid, Volume, envelope};
 use glam::{DMat3, DVec3};
 
 use crate::support::{dice, go_on, head, network, reordered, resampled, silver};
@@ -14,7 +14,7 @@ const WITH_SILVER_MASKS: [&str; 4] = [
     "pycortex-s1/t1",
 ];
 
-fn silver_of(name: &str, volume: &Volume) -> Option<geometry::BrainMask> {
+fn silver_of(name: &str, volume: &Volume) -> Option<BrainMask> {
     let (folder, _) = name.split_once('/')?;
     silver(&format!("{folder}/mask_dura.nii.gz"), volume)
 }
@@ -75,16 +75,12 @@ fn tree_pruning_does_not_hang_on_the_order_of_voxels() {
     }
 }
 
-#[test]
-fn the_envelope_of_colin27_holds_its_brain() {
-    let (Some(network), Some(volume)) = (network(), head("colin27/ch2.nii.gz")) else {
+/// Checks that the envelope of Colin27's brain holds another program's mask.
+fn check_envelope(volume: &Volume, brain: &BrainMask) {
+    let Some(ragged) = silver("colin27/ch2bet.nii.gz", volume) else {
         return;
     };
-    let Some(ragged) = silver("colin27/ch2bet.nii.gz", &volume) else {
-        return;
-    };
-    let found = predict(&volume, network, 0.5, &go_on).unwrap();
-    let envelope = envelope(&found.brain, 10.0).unwrap();
+    let envelope = envelope(brain, 10.0).unwrap();
     assert!(
         (1900.0..=2020.0).contains(&envelope.volume_ml()),
         "{}",
@@ -97,11 +93,12 @@ fn the_envelope_of_colin27_holds_its_brain() {
 }
 
 #[test]
-fn the_mask_is_stable() {
+fn the_mask_is_stable_and_its_envelope_holds_the_brain() {
     let (Some(network), Some(volume)) = (network(), head("colin27/ch2.nii.gz")) else {
         return;
     };
     let plain = predict(&volume, network, 0.5, &go_on).unwrap();
+    check_envelope(&volume, &plain.brain);
     let grid = volume.grid();
     let size = grid.size();
     let brightest = f64::from(*volume.voxels().iter().max().unwrap());
@@ -175,13 +172,8 @@ fn the_order_of_a_volumes_axes_does_not_matter() {
     };
     let plain = predict(&volume, network, 0.5, &go_on).unwrap();
     // What the network sees is the same for all 48, which a test of its own says; here, that the mask comes back.
-    for (order, signs) in [
-        ([0, 2, 1], 3),
-        ([1, 0, 2], 4),
-        ([1, 2, 0], 7),
-        ([2, 0, 1], 1),
-        ([2, 1, 0], 6),
-    ] {
+    // After two axes were exchanged, and after all were.
+    for (order, signs) in [([0, 2, 1], 3), ([2, 0, 1], 1)] {
         let found = predict(&reordered(&volume, order, signs), network, 0.5, &go_on).unwrap();
         let agreement = dice(plain.brain.mask(), found.brain.mask());
         assert!(agreement >= 0.995, "{order:?} {signs}: {agreement}");

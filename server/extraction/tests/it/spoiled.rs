@@ -237,11 +237,11 @@ pub(crate) fn bare(volume: &Volume, brain: &BrainMask) -> Volume {
 pub(crate) fn on_grid(mask: &Mask, grid: &Grid, how: DAffine3) -> Mask {
     let mask_from_grid =
         mask.grid().voxel_from_patient() * how.inverse() * grid.patient_from_voxel();
-    let last = as_position(mask.grid().size().map(|side| side - 1));
+    let end = as_position(mask.grid().size());
     let is_marked = |index: usize| {
-        let place = mask_from_grid.transform_point3(as_position(grid.voxel(index)));
-        let place = place.round();
-        let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmple(last).all();
+        // Rounded by the conversion below: a call of `round` for each voxel took a fifth of the time of these tests.
+        let place = mask_from_grid.transform_point3(as_position(grid.voxel(index))) + 0.5;
+        let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmplt(end).all();
         is_inside && {
             let place = place.to_array().map(|along| along as usize);
             mask.voxels()[mask.grid().index(place)]
@@ -321,10 +321,10 @@ pub(crate) fn masks(volume: &Volume, brain: &BrainMask) -> Vec<(String, Mask, bo
         );
     }
     let middle_x = (low.x + high.x) / 2.0;
+    let here = on_grid(own, grid, DAffine3::IDENTITY);
     let in_part = |mm: f64, is_there: &dyn Fn(DVec3) -> bool| {
         let other = grown(mm);
         let there = on_grid(&other, grid, DAffine3::IDENTITY);
-        let here = on_grid(own, grid, DAffine3::IDENTITY);
         let voxel = |index: usize| {
             let place = as_position(grid.voxel(index));
             let is_there = is_there(grid.patient_from_voxel().transform_point3(place));

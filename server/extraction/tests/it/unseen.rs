@@ -1,7 +1,7 @@
 //! What heads that no limit was chosen on have shown: slices in the wrong order, and things over zeros that are no brain.
 
 use extraction::{Masked, Network, Opinion, Origin, Quality, Rating, closed, predict, rate};
-use geometry::{BrainMask, Grid, Mask, Rescale, Volume, offset, phantom};
+use geometry::{BrainCuts, BrainMask, DistanceMap, Grid, Mask, Rescale, Volume, offset, phantom};
 use glam::{DAffine3, DVec3};
 
 use crate::spoiled::{bare, biased, ending_in_noise, fading, lowered, noisy, thick};
@@ -32,17 +32,41 @@ fn heads() -> Vec<(String, Volume, BrainMask)> {
     heads
 }
 
+/// A mask with what is computed before it is rated, which is the same for volumes that differ by their intensities alone: only planes
+/// beyond which all is constant matter to it.
+struct Prepared<'a> {
+    mask: &'a Mask,
+    brain: BrainMask,
+    closed: DistanceMap,
+    cuts: BrainCuts,
+}
+
+impl<'a> Prepared<'a> {
+    fn new(mask: &'a Mask, volume: &Volume) -> Self {
+        let brain = BrainMask::from_mask(mask, volume.grid()).expect("a brain");
+        let (closed, cuts) = closed(&brain, volume).expect("a closed brain");
+        Self {
+            mask,
+            brain,
+            closed,
+            cuts,
+        }
+    }
+
+    fn rated(&self, volume: &Volume, origin: Origin<'_>) -> Quality {
+        let masked = Masked {
+            mask: self.mask,
+            brain: &self.brain,
+            closed: &self.closed,
+            cuts: &self.cuts,
+            volume,
+        };
+        rate(masked, origin).expect("a rating")
+    }
+}
+
 fn rated(volume: &Volume, mask: &Mask, origin: Origin<'_>) -> Quality {
-    let brain = BrainMask::from_mask(mask, volume.grid()).expect("a brain");
-    let (distance, cuts) = closed(&brain, volume).expect("a closed brain");
-    let masked = Masked {
-        mask,
-        brain: &brain,
-        closed: &distance,
-        cuts: &cuts,
-        volume,
-    };
-    rate(masked, origin).expect("a rating")
+    Prepared::new(mask, volume).rated(volume, origin)
 }
 
 /// The axis of a volume that is nearest to a direction.
@@ -105,8 +129,8 @@ fn codes(quality: &Quality) -> Vec<&'static str> {
     quality.reasons.iter().map(|reason| reason.code).collect()
 }
 
-fn slice_codes(volume: &Volume, brain: &BrainMask) -> (Vec<&'static str>, String) {
-    let quality = rated(volume, brain.mask(), Origin::Supplied(Opinion::NotAsked));
+fn slice_codes(prepared: &Prepared<'_>, volume: &Volume) -> (Vec<&'static str>, String) {
+    let quality = prepared.rated(volume, Origin::Supplied(Opinion::NotAsked));
     let numbers = quality.slices.map(|slices| {
         slices.map_or_else(String::new, |slices| {
             format!("{:.2} {:.2}", slices.order, slices.step)
@@ -120,14 +144,17 @@ fn slice_codes(volume: &Volume, brain: &BrainMask) -> (Vec<&'static str>, String
 #[test]
 fn slices_that_are_exchanged_mirrored_or_moved_are_doubted_and_sound_ones_are_not() {
     for (name, volume, brain) in heads() {
+        let prepared = Prepared::new(brain.mask(), &volume);
+        let thick = thick(&volume);
+        let thick_prepared = Prepared::new(brain.mask(), &thick);
         let sound = [
-            ("as it is", volume.clone()),
-            ("a bias field", biased(&volume)),
-            ("noise", noisy(&volume, &brain, 0.3)),
-            ("slices of 6 mm", thick(&volume)),
+            ("as it is", &prepared, volume.clone()),
+            ("a bias field", &prepared, biased(&volume)),
+            ("noise", &prepared, noisy(&volume, &brain, 0.3)),
+            ("slices of 6 mm", &thick_prepared, thick),
         ];
-        for (what, volume) in sound {
-            let (codes, numbers) = slice_codes(&volume, &brain);
+        for (what, prepared, volume) in sound {
+            let (codes, numbers) = slice_codes(prepared, &volume);
             println!("{name}, {what}: {numbers} {codes:?}");
             assert!(codes.is_empty(), "{name}, {what}: {numbers} {codes:?}");
         }
@@ -161,7 +188,7 @@ fn slices_that_are_exchanged_mirrored_or_moved_are_doubted_and_sound_ones_are_no
             spoiled.push(("neighbours exchanged", exchanged(&volume, axis)));
         }
         for (what, volume) in spoiled {
-            let (codes, numbers) = slice_codes(&volume, &brain);
+            let (codes, numbers) = slice_codes(&prepared, &volume);
             println!("{name}, {what}: {numbers} {codes:?}");
             // A step is lost among those of coarse voxels.
             let is_seen = is_fine || !what.contains("half");
@@ -170,24 +197,30 @@ fn slices_that_are_exchanged_mirrored_or_moved_are_doubted_and_sound_ones_are_no
     }
 }
 
-/// The mask of what is not 0, and its rating as a skull-stripped volume.
-fn stripped(volume: &Volume, network: Option<&Network>) -> Quality {
+/// What is not 0 in a volume.
+fn not_black(volume: &Volume) -> Mask {
     let black = black(volume) as u16;
     let voxels = volume.voxels().iter().map(|&stored| stored != black);
-    let mask = Mask::new(volume.grid().clone(), voxels.collect()).expect("a mask");
+    Mask::new(volume.grid().clone(), voxels.collect()).expect("a mask")
+}
+
+/// The rating of a skull-stripped volume.
+fn stripped(prepared: &Prepared<'_>, volume: &Volume, network: Option<&Network>) -> Quality {
     let found = network.map(|network| predict(volume, network, 0.5, &go_on));
     let opinion = match &found {
         None => Opinion::NotAsked,
         Some(Ok(found)) => opinion(found),
         Some(Err(_)) => Opinion::NoBrain,
     };
-    rated(volume, &mask, Origin::Stripped(opinion))
+    prepared.rated(volume, Origin::Stripped(opinion))
 }
 
 #[test]
 fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
     for (name, volume, brain) in heads() {
         let volume = bare(&volume, &brain);
+        let mask = not_black(&volume);
+        let prepared = Prepared::new(&mask, &volume);
         let black = black(&volume);
         let brightest = f64::from(*volume.voxels().iter().max().expect("voxels"));
         let inside = |change: &dyn Fn(f64, [usize; 3]) -> f64| {
@@ -221,16 +254,19 @@ fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
         if name != "phantom" {
             // The depths of a brain that lost 4 mm all around are wrong by as much.
             let smaller = offset(&brain, -4.0).expect("a brain");
-            let quality = stripped(&bare(&volume, &smaller), None);
+            let smaller = bare(&volume, &smaller);
+            let mask = not_black(&smaller);
+            let quality = stripped(&Prepared::new(&mask, &smaller), &smaller, None);
             println!("{name}, 4 mm smaller: {:?}", codes(&quality));
             assert!(codes(&quality).contains(&"mask-tight"), "{name}");
 
-            let quality = stripped(&volume, network());
+            let quality = stripped(&prepared, &volume, network());
             println!("{name}, bare: {:?} {:?}", codes(&quality), quality.contrast);
             assert_eq!(quality.rating, Rating::Ok, "{name}: {:?}", quality.reasons);
         }
         for (what, volume) in others {
-            let quality = stripped(&volume, None);
+            assert_eq!(not_black(&volume).voxels(), mask.voxels(), "{name}, {what}");
+            let quality = stripped(&prepared, &volume, None);
             println!(
                 "{name}, {what}: {:?} {:?}",
                 codes(&quality),
@@ -333,9 +369,10 @@ fn an_inverted_head_and_a_ball_are_doubted_with_their_own_mask_and_the_mask_is_n
                 false => 0.0,
             }),
         ];
+        let prepared = Prepared::new(brain.mask(), &volume);
         let rating = |volume| {
             let origin = Origin::Supplied(Opinion::Uncertain);
-            codes(&rated(volume, brain.mask(), origin))
+            codes(&prepared.rated(volume, origin))
         };
         assert!(!rating(&volume).contains(&"contrast-inverted"), "{name}");
         for volume in &spoiled {
@@ -350,24 +387,28 @@ fn an_inverted_head_and_a_ball_are_doubted_with_their_own_mask_and_the_mask_is_n
 #[test]
 fn a_brain_that_fades_out_or_ends_in_noise_is_doubted_and_a_sound_one_is_not() {
     for (name, volume, brain) in heads() {
-        let is_doubted = |volume: &Volume, mask: &Mask| {
-            let quality = rated(volume, mask, Origin::Supplied(Opinion::NotAsked));
+        let is_doubted = |prepared: &Prepared<'_>, volume: &Volume| {
+            let quality = prepared.rated(volume, Origin::Supplied(Opinion::NotAsked));
             println!("{name}: {:?}", quality.reasons);
             codes(&quality).contains(&"scalp-missing")
         };
-        let sound = [
-            volume.clone(),
-            biased(&volume),
-            noisy(&volume, &brain, 0.3),
-            bare(&volume, &brain),
-        ];
+        let prepared = Prepared::new(brain.mask(), &volume);
+        let sound = [volume.clone(), biased(&volume), noisy(&volume, &brain, 0.3)];
         for volume in sound {
-            assert!(!is_doubted(&volume, brain.mask()), "{name}");
+            assert!(!is_doubted(&prepared, &volume), "{name}");
         }
-        // Masks end where half of the signal is lost.
-        let faded = fading(&volume, &brain, 20.0);
-        assert!(is_doubted(&faded, &lowered(&brain, 12.0)), "{name}");
-        let noise = ending_in_noise(&volume, &brain, 20.0);
-        assert!(is_doubted(&noise, &lowered(&brain, 20.0)), "{name}");
+        // Masks end where half of the signal is lost. Planes of zeros are cuts.
+        for (mask, volume, is_spoiled) in [
+            (brain.mask().clone(), bare(&volume, &brain), false),
+            (lowered(&brain, 12.0), fading(&volume, &brain, 20.0), true),
+            (
+                lowered(&brain, 20.0),
+                ending_in_noise(&volume, &brain, 20.0),
+                true,
+            ),
+        ] {
+            let prepared = Prepared::new(&mask, &volume);
+            assert_eq!(is_doubted(&prepared, &volume), is_spoiled, "{name}");
+        }
     }
 }
