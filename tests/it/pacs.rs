@@ -221,7 +221,7 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     let of_class = "it is not an MR or CT image";
     let of_study = "its Study Instance UID is no UID (up to 64 digits and points); e";
     assert_eq!(comments(&stored, "00081198"), [of_class]);
-    let of_length = "a DICOM file is damaged: an element is longer than the";
+    let of_length = "a DICOM file is damaged: its pixel data is truncated";
     assert_eq!(comments(&stored, "0008119A")[1..3], [of_study; 2]);
     assert!(comments(&stored, "0008119A")[3].contains(of_length));
     // Each reason is one line of the log, with its number.
