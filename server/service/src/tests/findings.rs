@@ -154,8 +154,9 @@ async fn findings_come_as_csv_that_no_spreadsheet_computes() {
     line["label"] = json!("=1+\"2\"");
     let mut findings = vec![line];
     // A spreadsheet may compute what is written in full width, too.
-    for sign in ["+", "-", "@", "＝", "＋", "－", "＠"] {
-        let mut one = point(sign, &at);
+    let signs = ["+", "-", "@", "＝", "＋", "－", "＠"];
+    for (number, sign) in signs.iter().enumerate() {
+        let mut one = point(&format!("b{number}"), &at);
         one["label"] = json!(format!("{sign}1"));
         findings.push(one);
     }
@@ -166,8 +167,7 @@ async fn findings_come_as_csv_that_no_spreadsheet_computes() {
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split("\r\n").collect();
     assert_eq!(rows.len(), 11, "{text}");
-    for row in &rows[3..10] {
-        let sign = row.split(',').next().unwrap();
+    for (row, sign) in rows[3..].iter().zip(signs) {
         assert!(row.contains(&format!("\"'{sign}1\"")), "{row}");
     }
     assert!(rows[0].starts_with("finding,kind,point,left_mm,"));
