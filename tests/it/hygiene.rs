@@ -401,3 +401,26 @@ fn documents_and_page_state_the_shares_that_the_study_measured() {
         assert!(said, "{document}: {sentence}, {interval}");
     }
 }
+
+/// No machine is booted here: of the unit, the lines are read that keep the service alive and confined.
+#[test]
+fn the_unit_starts_again_waits_for_its_disk_and_is_confined() {
+    let unit = read("scripts/debian/isocortex.service");
+    for line in [
+        "RequiresMountsFor=/var/lib/isocortex /var/log/isocortex",
+        "StartLimitIntervalSec=0",
+        "Restart=on-failure",
+        "RestartSec=5",
+        "UMask=0077",
+        "ProtectProc=invisible",
+    ] {
+        assert!(unit.lines().any(|it| it == line), "{line}");
+    }
+    let filter = unit
+        .lines()
+        .find(|line| line.starts_with("SystemCallFilter="));
+    // A filter alone would take from the server what confines its own processes.
+    for call in ["@system-service", "landlock_restrict_self", "seccomp"] {
+        assert!(filter.is_some_and(|line| line.contains(call)), "{call}");
+    }
+}

@@ -467,6 +467,21 @@ fn a_configuration_is_checked_without_starting_anything() {
     assert!(!Path::new(&data).exists());
     for (text, words) in [
         (
+            "[[pacs.dimse.peers]]\naet = \"A\"\naddress = \"10.0.0.1\"",
+            "warning: nobody can send images by C-STORE: `pacs.dimse.peers` has peers",
+        ),
+        (
+            "[storage]\ndatabase = \"postgres://isocortex@127.0.0.1/isocortex\"",
+            "name a bucket or a shared folder in `storage.objects`",
+        ),
+    ] {
+        let config = written(folder.path(), "doubtful.toml", text);
+        let (status, said) = run(&["check-config", "--config", &config]);
+        assert_eq!(status, Some(0), "{text}: {said}");
+        assert!(said.contains(words), "{text}: {said}");
+    }
+    for (text, words) in [
+        (
             "[http]\nlisten = \"0.0.0.0:8640\"",
             "without a bearer token",
         ),

@@ -200,28 +200,33 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     let mut without_study = Slice::number(2).file(Syntax::Explicit);
     let study = memchr::memmem::find(&without_study, b"\x0D\0UI\x06\x001.2.3\0").unwrap();
     without_study[study + 6..][..5].copy_from_slice(b"study");
+    let mut cut = Slice::number(3).file(Syntax::Explicit);
+    cut.truncate(cut.len() - 20);
     let parts = [
         sound.clone(),
         report.file(Syntax::Explicit),
         b"not DICOM at all".to_vec(),
         without_study.clone(),
         without_study.clone(),
+        cut,
     ];
     let answer = neighbour.store(&parts).await;
     assert_eq!(answer.status, 202, "{answer:?}");
     let stored = answer.json();
     assert_eq!(items(&stored, "00081199").len(), 1);
     assert_eq!(reasons(&stored, "00081198"), [0x0122]);
-    assert_eq!(reasons(&stored, "0008119A"), [0xC000; 3]);
+    assert_eq!(reasons(&stored, "0008119A"), [0xC000; 4]);
     let instance = &items(&stored, "00081198")[0]["00081155"]["Value"][0];
     assert_eq!(instance, "1.2.3.4.2");
     let of_class = "it is not an MR or CT image";
     let of_study = "its Study Instance UID is no UID (up to 64 digits and points); e";
     assert_eq!(comments(&stored, "00081198"), [of_class]);
-    assert_eq!(comments(&stored, "0008119A")[1..], [of_study; 2]);
+    let of_length = "a DICOM file is damaged: its pixel data is truncated";
+    assert_eq!(comments(&stored, "0008119A")[1..3], [of_study; 2]);
+    assert!(comments(&stored, "0008119A")[3].contains(of_length));
     // Each reason is one line of the log, with its number.
     let logged = lines.text();
-    for (reason, objects) in [(of_class, 1), (of_study, 2)] {
+    for (reason, objects) in [(of_class, 1), (of_study, 2), (of_length, 1)] {
         let lines: Vec<_> = logged.lines().filter(|it| it.contains(reason)).collect();
         assert_eq!(lines.len(), 1, "{logged}");
         assert!(
@@ -238,13 +243,35 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     assert_eq!(neighbour.server.send(same_study).await.status, 200);
     let counted = neighbour.server.pacs.store().images();
     assert!(
-        counted.contains(&("stow", ImageStatus::Refused, 8)),
+        counted.contains(&("stow", ImageStatus::Refused, 9)),
         "{counted:?}"
     );
     // One slice is no volume.
     let arrival = neighbour.settled().await;
     assert_eq!(arrival["state"], "nothing");
     assert_eq!(arrival["reason"]["name"], "dicom-too-few-slices");
+    // The report twice, what was cut, and the image at the address of another study. The image was stored nevertheless.
+    assert_eq!(arrival["refused_objects"], 4, "{arrival}");
+    let of_address = "it belongs to another study than the one in the address";
+    assert_eq!(arrival["last_refusal"], of_address);
+    assert_eq!(arrival["instances"], 1);
+
+    let mut report = report;
+    // No sender makes rows without end, and none takes the place of what was stored.
+    let reports = (0..101).map(|number| {
+        report.series_uid = format!("1.2.3.10.{number}");
+        report.file(Syntax::Explicit)
+    });
+    let reports: Vec<_> = reports.collect();
+    assert_eq!(neighbour.store(&reports).await.status, 409);
+    let list = neighbour.server.get("/v1/arrivals?limit=200").await.json();
+    let list = list["arrivals"].as_array().unwrap();
+    assert_eq!(list.len(), 101);
+    assert_eq!(list[0]["series"], "1.2.3.10.100");
+    assert_eq!(list[0]["reason"]["name"], "all-refused");
+    assert_eq!(list[0]["last_refusal"], of_class);
+    assert_eq!(list[99]["series"], "1.2.3.10.1");
+    assert_eq!(list[100]["id"], arrival["id"]);
 }
 
 #[tokio::test]
@@ -419,6 +446,8 @@ async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alon
     is_case().await;
     let heeded = send(&[quality], "archive").await;
     assert_eq!(heeded.status, 200, "{heeded:?}");
+    let noted = "the images that it names are rejected; it is not kept itself";
+    assert_eq!(comments(&heeded.json(), "00081199"), [noted]);
     assert_eq!(launched().await, Value::Null);
 }
 
@@ -956,8 +985,12 @@ fn association_request() -> Vec<u8> {
     association_of("SENDER")
 }
 
-/// A request for an association by somebody with a title.
+/// A request for an association by somebody with a title, to send MR images.
 fn association_of(title: &str) -> Vec<u8> {
+    association_for(title, "1.2.840.10008.5.1.4.1.1.4")
+}
+
+fn association_for(title: &str, service: &str) -> Vec<u8> {
     let item = |kind: u8, value: &[u8]| {
         let mut item = vec![kind, 0];
         item.extend((value.len() as u16).to_be_bytes());
@@ -965,7 +998,7 @@ fn association_of(title: &str) -> Vec<u8> {
         item
     };
     let mut context = vec![1, 0, 0, 0];
-    context.extend(item(0x30, b"1.2.840.10008.5.1.4.1.1.4"));
+    context.extend(item(0x30, service.as_bytes()));
     context.extend(item(0x40, b"1.2.840.10008.1.2"));
     let mut body = vec![0, 1, 0, 0];
     body.extend(format!("ISOCORTEX       {title:16}").as_bytes());
@@ -1012,6 +1045,32 @@ async fn an_association_needs_a_listed_title_at_its_own_address() {
     ] {
         let answered = answer(from, title, called).await;
         assert_eq!(answered, expected, "{title} at {from} to {called}");
+    }
+}
+
+#[tokio::test]
+async fn a_peer_that_asks_for_another_service_alone_has_a_line_in_the_log() {
+    let lines = Lines::default();
+    let _logging = lines.collect();
+    let neighbour = Neighbour::start(|_| {}).await;
+    let address = dimse(&neighbour, dimse_options()).await;
+    let is_line = |line: &&str| line.contains("INFO") && line.contains("contexts were refused");
+    // Images, then a search and a storage commitment.
+    for (service, count) in [
+        ("1.2.840.10008.5.1.4.1.1.4", 0),
+        ("1.2.840.10008.5.1.4.1.2.2.1", 1),
+        ("1.2.840.10008.1.20.1", 2),
+    ] {
+        let mut stream = TcpStream::connect(address).await.unwrap();
+        let request = association_for("SENDER", service);
+        stream.write_all(&request).await.unwrap();
+        // The association is accepted, without a context.
+        assert_eq!(stream.read_u8().await.unwrap(), 2, "{service}");
+        let logged = lines.text();
+        let refused: Vec<_> = logged.lines().filter(is_line).collect();
+        assert_eq!(refused.len(), count, "{service}: {refused:?}");
+        let are_named = refused.iter().all(|line| line.contains("SENDER"));
+        assert!(are_named, "{refused:?}");
     }
 }
 

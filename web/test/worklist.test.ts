@@ -3,9 +3,11 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
+import { type Words, speak } from "../src/base/i18n.ts";
 import { readAddress } from "../src/model/fragment.ts";
 import { ALL, listAddress, searchBody } from "../src/model/worklist.ts";
 import { Cases } from "../src/store/cases.ts";
+import english from "../src/words.en.json";
 
 test("an address keeps the filters and the order, and never what is searched for", () => {
   const filter = { sort: "places", status: "begun", days: "7", text: "Doe" } as const;
@@ -68,4 +70,22 @@ test("of ten thousand cases the pages in sight are asked for, and those that wer
   assert.equal(cases.at(9999), null, "what is left of another order is gone");
   assert.equal(cases.at(0)?.id, "0".padStart(32, "0"));
   assert.ok(asked.length <= 2 && asked.every(({ sort }) => sort === "label"), JSON.stringify(asked));
+});
+
+test("no list says that nothing is there or matches before the server has said so of its filter", async (context) => {
+  speak("en", english as Words);
+  const answer = JSON.stringify({ cases: [], total: 0 });
+  const headers = { "content-type": "application/json" };
+  context.mock.method(globalThis, "fetch", async () => new Response(answer, { headers }));
+  const cases = new Cases();
+  const said: string[] = [];
+  for (const text of ["", "Doe", ""]) {
+    cases.choose({ text });
+    said.push(cases.note.value, String(cases.isEmpty.value));
+    await cases.refresh();
+    said.push(cases.note.value, String(cases.isEmpty.value));
+  }
+  const asking = ["Loading the cases …", "false"];
+  const none = ["None yet. Add one above.", "true"];
+  assert.deepEqual(said, [...asking, ...none, ...asking, "No case matches.", "false", ...asking, ...none]);
 });

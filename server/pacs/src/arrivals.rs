@@ -60,6 +60,11 @@ pub(crate) struct ArrivalView {
     corrected: usize,
     /// Objects that are no images and were not kept.
     ignored: usize,
+    /// Objects that were refused, as often as they were sent. The latest 100 series of which nothing else has come are listed.
+    refused_objects: usize,
+    /// Why the last of them was refused, as its sender was told.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    last_refusal: Option<String>,
     /// How many there are, if the sender has stated it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<usize>,
@@ -133,6 +138,8 @@ impl From<Arrival> for ArrivalView {
             instances: arrival.instances,
             corrected: arrival.corrected,
             ignored: arrival.ignored,
+            refused_objects: arrival.refused_objects,
+            last_refusal: arrival.last_refusal,
             expected: arrival.expected,
             first_at: arrival.first_at.to_string(),
             last_at: arrival.last_at.to_string(),

@@ -253,6 +253,7 @@ impl Images<'_> {
                 .iter()
                 .filter(|became| **became == Reception::Refused)
             {
+                self.pacs.arrivals().refused(source);
                 self.refusals.add(&Refusal::NOT_BETTER);
             }
         }

@@ -34,17 +34,31 @@ pub(crate) struct InstanceIdentity {
     pub fingerprint: Option<Fingerprint>,
 }
 
+fn replaced(uid: &Uid) -> Uid {
+    let uid = imaging::dicom::replaced_uid(uid.as_str());
+    Uid::parse(&uid).expect("digits and points are a UID")
+}
+
+/// The UIDs in place of those of a series.
+pub(crate) fn replaced_series(uids: &SeriesUids) -> SeriesUids {
+    SeriesUids {
+        study: replaced(&uids.study),
+        series: replaced(&uids.series),
+    }
+}
+
+/// The study and the series of a file that is refused, if the confined process could read them.
+pub(crate) async fn series_of(cases: &Cases, file: &Spooled) -> Option<SeriesUids> {
+    let [study, series] = cases.headers.series_of(file).await.ok()?;
+    Some(SeriesUids {
+        study: Uid::parse(&study)?,
+        series: Uid::parse(&series)?,
+    })
+}
+
 impl InstanceIdentity {
     /// The same with other UIDs, and without accession number and label.
     pub(crate) fn deidentified(self) -> Self {
-        let replaced = |uid: &Uid| {
-            let uid = imaging::dicom::replaced_uid(uid.as_str());
-            Uid::parse(&uid).expect("digits and points are a UID")
-        };
-        let replaced_series = |uids: &SeriesUids| SeriesUids {
-            study: replaced(&uids.study),
-            series: replaced(&uids.series),
-        };
         let replaced_rejection = |rejection: Rejection| Rejection {
             series: rejection
                 .series

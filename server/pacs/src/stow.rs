@@ -7,14 +7,14 @@ use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use case::series::Uid;
+use case::series::{SeriesUids, Uid};
 use cases::Error;
 use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
 
 use crate::address::StudyPath;
-use crate::identity::InstanceIdentity;
+use crate::identity::{InstanceIdentity, series_of};
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::refusal::{Refusal, Refusals, Status, error_comment};
@@ -212,7 +212,11 @@ impl Images<'_> {
         let identity = match InstanceIdentity::read(self.pacs.cases(), &file).await {
             Ok(identity) => identity,
             Err(error @ Error::Failure(_)) => {
-                self.unknown(&error.into());
+                let refusal = error.into();
+                self.unknown(&refusal);
+                if let Some(uids) = series_of(self.pacs.cases(), &file).await {
+                    self.list(&uids, &refusal).await?;
+                }
                 return Ok(());
             }
             Err(error) => return Err(error.into()),
@@ -223,7 +227,7 @@ impl Images<'_> {
             .is_some_and(|study| *study != identity.uids.study)
         {
             self.failed(&identity, &ANOTHER_STUDY);
-            return Ok(());
+            return self.list(&identity.uids, &ANOTHER_STUDY).await;
         }
         if !identity.is_image {
             return self.add_other(identity).await;
@@ -239,7 +243,7 @@ impl Images<'_> {
     async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
         if !self.pacs.ignores_other_objects() {
             self.failed(&identity, &Refusal::ANOTHER_CLASS);
-            return Ok(());
+            return self.list(&identity.uids, &Refusal::ANOTHER_CLASS).await;
         }
         // What came before a note came before it.
         self.flush().await?;
@@ -279,6 +283,15 @@ impl Images<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Counts a refusal in the arrival of its series.
+    async fn list(&self, uids: &SeriesUids, refusal: &Refusal) -> Result<(), AppError> {
+        let refused = self
+            .pacs
+            .arrivals()
+            .refuse(uids, ArrivalSource::Stow, refusal);
+        Ok(refused.await?)
     }
 
     fn failed(&mut self, identity: &InstanceIdentity, refusal: &Refusal) {

@@ -165,6 +165,10 @@ pub(crate) struct Arrival {
     pub(crate) corrected: usize,
     /// Objects that are no images and were not kept.
     pub(crate) ignored: usize,
+    /// Objects that were refused, as often as they came.
+    pub(crate) refused_objects: usize,
+    /// Why the last of them was refused.
+    pub(crate) last_refusal: Option<String>,
     /// When its first image came.
     pub(crate) first_at: Timestamp,
     /// When its last image came.
@@ -223,6 +227,9 @@ pub(crate) const INCOMPLETE_CORRECTION: &str = "incomplete-correction";
 
 /// The reason of a series without any image.
 pub(crate) const OTHER_OBJECTS: &str = "other-objects";
+
+/// The reason of a series of which nothing has come that was not refused.
+pub(crate) const ALL_REFUSED: &str = "all-refused";
 
 /// What became of a leased series.
 #[derive(Debug, Clone)]

@@ -415,6 +415,25 @@ fn bad_masks_are_named() {
 }
 
 #[test]
+fn a_mask_of_single_slices_is_refused_for_those_that_are_missing() {
+    let head = geometry::phantom::head(3.0);
+    let grid = head.brain.grid().clone();
+    let mut voxels = head.brain.voxels().to_vec();
+    for (index, voxel) in voxels.iter_mut().enumerate() {
+        *voxel &= grid.voxel(index)[1] % 2 == 0;
+    }
+    let source = Source {
+        volume: nifti(&head.volume),
+        mask: Some(nifti_mask(&Mask::new(grid, voxels).unwrap())),
+        ..Source::default()
+    };
+    let refused = run(&source, &Parameters::default()).expect_err("it is refused");
+    assert_eq!(refused.name, "mask-size-absurd");
+    let is_told = refused.detail.contains("are slices of it missing?");
+    assert!(is_told, "{}", refused.detail);
+}
+
+#[test]
 fn a_mask_that_touches_every_border_is_taken() {
     let grid = Grid::aligned([20, 24, 22], [5.0; 3], glam::DVec3::ZERO).unwrap();
     let mask = Mask::new(grid.clone(), vec![true; grid.voxel_count()]).unwrap();

@@ -54,6 +54,9 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
     match read_order()? {
         Order::Series(order) => read_series(&order, instead),
         Order::Header(order) => answer(&read_header(&order, header)?),
+        Order::SeriesOf(order) => {
+            answer(&read_header(&order, |file, _, _| dicom::series_of(file))?)
+        }
         Order::Marks(order) => answer(&read_header(&order, |file, _, _| dicom::marks(file))?),
         Order::Stored(order) => read_stored(&order),
         Order::Prepare(order) => crate::prepare::prepare(&order, instead),

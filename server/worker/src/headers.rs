@@ -63,6 +63,14 @@ impl FileReader {
         self.ask(file, None, Order::Header).await
     }
 
+    /// The UIDs of the study and of the series that a file states, which may be damaged after them.
+    ///
+    /// # Errors
+    /// As [`FileReader::identity`].
+    pub async fn series_of(&self, file: &Spooled) -> Result<[String; 2], Error> {
+        self.ask(file, None, Order::SeriesOf).await
+    }
+
     /// The findings of a measurement report.
     ///
     /// # Errors

@@ -21,6 +21,8 @@ pub(crate) enum Order {
     Series(SeriesOrder),
     /// Read the header of a file; a [`Stated`] on the standard output answers it.
     Header(HeaderOrder),
+    /// Read which study and series a file is of, whatever else is wrong with it; a [`Stated`] on the standard output answers it.
+    SeriesOf(HeaderOrder),
     /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
     Marks(HeaderOrder),
     /// Read the attributes of stored files.

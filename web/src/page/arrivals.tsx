@@ -29,6 +29,9 @@ export interface Arrival {
   readonly corrected: number;
   /** Objects that were not kept. */
   readonly ignored: number;
+  /** Objects that were refused, and why the last of them was. */
+  readonly refused_objects: number;
+  readonly last_refusal?: string;
   readonly expected?: number;
   readonly label?: string;
   readonly case?: string;
@@ -62,13 +65,15 @@ const reasonWords = ({ name, detail }: Reason): string => {
 };
 
 /** What came, and what of it is not kept. */
-export function arrivalFacts({ first_at, instances, expected, corrected, ignored }: Arrival): readonly string[] {
+export function arrivalFacts(arrival: Arrival): readonly string[] {
+  const { first_at, instances, expected, corrected, ignored, refused_objects, last_refusal } = arrival;
   const images = expected && expected !== instances ? "arrival.images-of" : "arrival.images";
   return [
     moment(first_at),
     t(images, { count: instances, expected }),
     ...(corrected > 0 ? [t("arrival.corrected", { count: corrected })] : []),
     ...(ignored > 0 ? [t("arrival.ignored", { count: ignored })] : []),
+    ...(refused_objects > 0 ? [t("arrival.refused-objects", { count: refused_objects, reason: last_refusal })] : []),
   ];
 }
 

@@ -38,18 +38,20 @@ export class Cases {
   readonly #trouble = signal("");
   /** The cases that are here. */
   readonly here = computed(() => [...this.#pages.value.values()].flat());
+  /** Whether the server has answered for the filter as it is now. */
+  readonly #isKnown = computed(() => this.isListed.value && this.#of.value === this.filter.value);
   /** Whether there is no case at all. */
-  readonly isEmpty = computed(() => this.isListed.value && this.total.value === 0 && this.filter.value === ALL);
+  readonly isEmpty = computed(() => this.#isKnown.value && this.total.value === 0 && this.filter.value === ALL);
   /** What there is to say of the list; empty: it speaks for itself. */
   readonly note = computed(() => {
     if (this.#trouble.value) return this.#trouble.value;
-    if (!this.isListed.value) return t("cases.asking");
     if (this.total.value > 0) return "";
+    if (!this.#isKnown.value) return t("cases.asking");
     return t(this.isEmpty.value ? "cases.none" : "cases.no-match");
   });
   readonly #progress = new Progress((one) => this.#hear(one));
   /** The filter of the pages. */
-  #of = ALL;
+  readonly #of = signal(ALL);
   /** From the first to before the last row in sight. */
   #sight: readonly [number, number] = [0, 1];
   /** Pages that are asked for again, though they are here. */
@@ -179,9 +181,9 @@ export class Cases {
     // Another filter may have been chosen in the meantime.
     if (filter !== this.filter.peek()) return void this.#stale.add(page);
     // Other pages have moved, or are of another filter: they are asked for when they are seen.
-    const seen = filter === this.#of ? this.#inSight() : [];
-    this.#of = filter;
+    const seen = filter === this.#of.peek() ? this.#inSight() : [];
     batch(() => {
+      this.#of.value = filter;
       const kept = [...this.#pages.peek()].filter(([one]) => one !== page && seen.includes(one));
       this.#pages.value = new Map([...kept, [page, cases]]);
       this.total.value = total;

@@ -39,6 +39,15 @@ impl HeaderReader {
         Ok(self.reader.identity(file).await?)
     }
 
+    /// The UIDs of the study and of the series that a file states, which may be damaged after them; nobody has checked them.
+    ///
+    /// # Errors
+    /// As [`HeaderReader::read`].
+    pub async fn series_of(&self, file: &Spooled) -> Result<[String; 2], Error> {
+        let _turn = self.limit.turn().await?;
+        Ok(self.reader.series_of(file).await?)
+    }
+
     /// The findings of a measurement report.
     ///
     /// # Errors

@@ -280,14 +280,16 @@ fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
 #[test]
 fn a_mask_is_doubted_if_the_network_finds_no_certain_brain_to_compare_it_with() {
     let made = phantom::head(4.0);
-    let of = |opinion| codes(&rated(&made.volume, &made.brain, Origin::Supplied(opinion)));
-    let alone = of(Opinion::NotAsked);
-    for (opinion, code) in [
-        (Opinion::NoBrain, "network-no-brain"),
-        (Opinion::Uncertain, "network-uncertain"),
-    ] {
-        assert!(!alone.contains(&code), "{alone:?}");
-        assert!(of(opinion).contains(&code), "{code}");
+    for origin in [Origin::Supplied, Origin::Stripped] {
+        let of = |opinion| codes(&rated(&made.volume, &made.brain, origin(opinion)));
+        let alone = of(Opinion::NotAsked);
+        for (opinion, code) in [
+            (Opinion::NoBrain, "network-no-brain"),
+            (Opinion::Uncertain, "network-uncertain"),
+        ] {
+            assert!(!alone.contains(&code), "{alone:?}");
+            assert!(of(opinion).contains(&code), "{code}");
+        }
     }
 }
 

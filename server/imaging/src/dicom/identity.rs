@@ -2,6 +2,7 @@
 
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
+use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
@@ -10,7 +11,7 @@ use super::header::{IMAGE_CLASSES, parse};
 use super::label::series_label;
 use super::numbers::text;
 use super::rejection::{Rejection, rejection};
-use super::scan::scan;
+use super::scan::{scan, scan_as_far_as_sound};
 use crate::sniff::recognised;
 use crate::{Format, sniff};
 
@@ -29,6 +30,10 @@ const WANTED: [Tag; 13] = [
     tags::STUDY_INSTANCE_UID,
     tags::SERIES_INSTANCE_UID,
 ];
+
+const NO_STUDY: &str = "it has no Study Instance UID";
+
+const NO_SERIES: &str = "it has no Series Instance UID";
 
 /// The UIDs of a file. They lead to a patient: they must not reach a log, an error, an address or a file name.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -82,10 +87,7 @@ pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
         });
     }
     let object = parse(&scan(file, &WANTED)?)?;
-    let uid = |tag, what| {
-        let uid = text(&object, tag).filter(|uid| !uid.is_empty());
-        uid.ok_or(DicomError::Damaged { what })
-    };
+    let uid = |tag, what| uid_of(&object, tag, what);
     let sop_class_uid = uid(tags::SOP_CLASS_UID, "it has no SOP Class UID")?;
     let is_list = sop_class_uid == uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
     Ok(Identity {
@@ -93,10 +95,30 @@ pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
         is_image: IMAGE_CLASSES.contains(&&*sop_class_uid),
         sop_class_uid,
         sop_instance_uid: uid(tags::SOP_INSTANCE_UID, "it has no SOP Instance UID")?,
-        study_uid: uid(tags::STUDY_INSTANCE_UID, "it has no Study Instance UID")?,
-        series_uid: uid(tags::SERIES_INSTANCE_UID, "it has no Series Instance UID")?,
+        study_uid: uid(tags::STUDY_INSTANCE_UID, NO_STUDY)?,
+        series_uid: uid(tags::SERIES_INSTANCE_UID, NO_SERIES)?,
         accession_number: text(&object, tags::ACCESSION_NUMBER).filter(|text| !text.is_empty()),
         label: series_label(|keyword| text(&object, tag_of(keyword))),
         fingerprint: None,
     })
+}
+
+/// The study and the series of a DICOM file, which may be damaged after their UIDs.
+///
+/// # Errors
+/// If it is damaged before, or lacks one of them.
+pub fn series_of(file: &[u8]) -> Result<[String; 2], DicomError> {
+    let wanted = [tags::STUDY_INSTANCE_UID, tags::SERIES_INSTANCE_UID];
+    let (scanned, _fault) = scan_as_far_as_sound(file, &wanted)?;
+    let object = parse(&scanned)?;
+    let study = uid_of(&object, tags::STUDY_INSTANCE_UID, NO_STUDY)?;
+    Ok([
+        study,
+        uid_of(&object, tags::SERIES_INSTANCE_UID, NO_SERIES)?,
+    ])
+}
+
+fn uid_of(object: &InMemDicomObject, tag: Tag, what: &'static str) -> Result<String, DicomError> {
+    let uid = text(object, tag).filter(|uid| !uid.is_empty());
+    uid.ok_or(DicomError::Damaged { what })
 }

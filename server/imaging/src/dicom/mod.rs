@@ -50,7 +50,7 @@ pub use deidentify::{deidentified_file, kind_of_series, replaced_uid};
 pub use error::DicomError;
 pub use fingerprint::{Fingerprint, fingerprint};
 pub use header::IMAGE_CLASSES;
-pub use identity::{Identity, identify};
+pub use identity::{Identity, identify, series_of};
 pub use marks::{Mark, MarkedPatient, Side, marks};
 pub use rejection::{RejectedSeries, Rejection};
 pub use series::{SeriesSummary, UnreadFile};

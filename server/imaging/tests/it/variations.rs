@@ -701,7 +701,7 @@ fn odd_structures_are_read_as_other_readers_do() {
 
 /// The functional groups of an Enhanced image with an unknown representation and implicit items, as a node writes that does not
 /// know them.
-fn with_unknown_groups(file: &[u8], slices: &[Slice]) -> Vec<u8> {
+fn with_unknown_groups(file: &[u8], slices: &[Slice], components: [&str; 2]) -> Vec<u8> {
     let list = |values: &[f64]| {
         let texts: Vec<String> = values.iter().map(ToString::to_string).collect();
         texts.join("\\")
@@ -731,9 +731,15 @@ fn with_unknown_groups(file: &[u8], slices: &[Slice]) -> Vec<u8> {
         ]
         .concat(),
     ]);
-    let frames = slices
-        .iter()
-        .map(|slice| group([0x20, 0x9113], POSITION, &list(&slice.position)));
+    let frames = slices.iter().enumerate().map(|(number, slice)| {
+        let component = components[number * 2 / slices.len()];
+        let kind = group([0x18, 0x9226], [8, 0x9208], component);
+        [
+            kind,
+            group([0x20, 0x9113], POSITION, &list(&slice.position)),
+        ]
+        .concat()
+    });
     let frames = items(frames.collect());
     let at = |tag: Tag| {
         file.windows(4)
@@ -753,12 +759,17 @@ fn with_unknown_groups(file: &[u8], slices: &[Slice]) -> Vec<u8> {
 fn functional_groups_of_an_unknown_representation_are_read() {
     for count in [3, 4, 7] {
         let mut slices = slices(count);
-        let file = with_unknown_groups(&enhanced(&slices), &slices);
+        let file = with_unknown_groups(&enhanced(&slices), &slices, ["MAGNITUDE"; 2]);
         assert_eq!(intensities(&converted(vec![file]).unwrap()), plain(count));
         slices.reverse();
-        let file = with_unknown_groups(&enhanced(&slices), &slices);
+        let file = with_unknown_groups(&enhanced(&slices), &slices, ["MAGNITUDE"; 2]);
         assert_eq!(intensities(&converted(vec![file]).unwrap()), plain(count));
     }
+    let twice = [slices(8), slices(8)].concat();
+    let file = with_unknown_groups(&enhanced(&twice), &twice, ["MAGNITUDE", "PHASE"]);
+    let refused = converted(vec![file]).unwrap_err().to_string();
+    let difference = "differ in complex image component, such as magnitude and phase";
+    assert!(refused.contains(difference), "{refused}");
 }
 
 #[test]

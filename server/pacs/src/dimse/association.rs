@@ -5,6 +5,7 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use access::audit::{Action, Audit, Event, EventKind, Outcome, digest_of_uid};
+use case::series::SeriesUids;
 use cases::Error;
 use cases::dicom::MAX_FILE_BYTES;
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
@@ -19,7 +20,7 @@ use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
-use crate::identity::InstanceIdentity;
+use crate::identity::{InstanceIdentity, series_of};
 use crate::refusal::{Refusal, Refusals, Status};
 use crate::series::Arrivals;
 use crate::store::REJECTION_NOTE;
@@ -476,18 +477,24 @@ impl Messages<'_> {
             Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
                 return Ok(Status::Success);
             }
+            Err(error @ Error::Failure(_)) => {
+                let uids = series_of(&self.arrivals.cases, &file).await;
+                return self.refuse(uids.as_ref(), error.into()).await;
+            }
             read => read?,
         };
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
             && identity.sop_instance_uid.as_str() == object.sop_instance_uid;
         if !is_same {
             let why = "its class or instance UID is not that of the command";
-            return Err(Refusal::new(Status::DataSetDoesNotMatch, why));
+            let refusal = Refusal::new(Status::DataSetDoesNotMatch, why);
+            return self.refuse(Some(&identity.uids), refusal).await;
         }
         let source = ArrivalSource::CStore;
         if !identity.is_image {
             if !self.ignores_other_objects {
-                return Err(Refusal::ANOTHER_CLASS);
+                let refusal = Refusal::ANOTHER_CLASS;
+                return self.refuse(Some(&identity.uids), refusal).await;
             }
             let by = &self.event.who;
             if identity.rejection.is_some() && !self.may_reject {
@@ -512,6 +519,15 @@ impl Messages<'_> {
             Some(Reception::Refused) => Err(Refusal::NOT_BETTER),
             Some(Reception::New | Reception::Known) | None => Ok(Status::Success),
         }
+    }
+
+    /// Refuses an object, and counts that in the arrival of its series.
+    async fn refuse(&self, uids: Option<&SeriesUids>, refusal: Refusal) -> Answer {
+        if let Some(uids) = uids {
+            let refused = self.arrivals.refuse(uids, ArrivalSource::CStore, &refusal);
+            refused.await?;
+        }
+        Err(refusal)
     }
 
     /// Whether an object is of a class of which nothing is kept.

@@ -14,13 +14,15 @@ mod tests;
 use std::sync::Arc;
 use std::time::Duration;
 
+use case::series::SeriesUids;
 use case::{Failure, ObjectKind};
 use cases::{Cases, Error, Patient};
 use quick_cache::sync::Cache;
 use serde::Deserialize;
 use storage::{ObjectName, Spooled, upkeep};
 
-use crate::identity::{InstanceIdentity, Rejection};
+use crate::identity::{InstanceIdentity, Rejection, replaced_series};
+use crate::refusal::Refusal;
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
@@ -198,6 +200,23 @@ impl Arrivals {
     /// Counts an image that is refused, for metrics.
     pub(crate) fn refused(&self, source: ArrivalSource) {
         self.store().images_came(source, ImageStatus::Refused, 1);
+    }
+
+    /// Counts an object that is refused in the arrival of its series.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn refuse(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        refusal: &Refusal,
+    ) -> Result<(), Error> {
+        let uids = match self.cases.deidentifies() {
+            true => &replaced_series(uids),
+            false => uids,
+        };
+        Ok(self.store().refuse(uids, source, refusal).await?)
     }
 
     /// Receives the images again that no row names, after the rows were restored from an older backup: how many, and those that stay as they

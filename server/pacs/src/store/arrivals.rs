@@ -15,18 +15,22 @@ use storage::{Claim, Cursor, NewJob, ObjectName, Pinned, StoreError};
 use super::PacsStore;
 use super::columns::{count, read_count, read_digest};
 use super::images::{self, Arrived, wake_layers_of_closed};
+use crate::refusal::Refusal;
 use crate::values::{
-    Arrival, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueImage, DueSeries,
-    DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
-    Reception, SERIES, Taken, images_rejected,
+    ALL_REFUSED, Arrival, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueImage,
+    DueSeries, DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance,
+    Outcome, Reception, SERIES, Taken, images_rejected,
 };
+
+/// The most series that are listed although nothing of them has come that was not refused.
+const MOST_ALL_REFUSED: usize = 100;
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
             "SELECT id, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
-                    instances, expected, corrected, ignored, first_at, last_at
+                    instances, expected, corrected, ignored, refused_objects, last_refusal, first_at, last_at
              FROM arrivals ",
             $rest
         )
@@ -117,6 +121,21 @@ impl PacsStore {
                 ],
             )
             .await?;
+        transaction.commit().await
+    }
+
+    /// Counts an object that is refused in the arrival of its series, which is made if there is none.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub(crate) async fn refuse(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        refusal: &Refusal,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.store.write().await?;
+        refuse(&mut transaction, uids, source, refusal, now).await?;
         transaction.commit().await
     }
 
@@ -470,13 +489,15 @@ impl PacsStore {
         transaction
             .execute(
                 "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                        label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11
-                 WHERE study_uid = $12 AND series_uid = $13",
+                        label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11, refused_objects = $12,
+                        last_refusal = $13
+                 WHERE study_uid = $14 AND series_uid = $15",
                 args![
                     state.name(), reason.transpose()?, case, arrival.expected.map(count),
                     arrival.first_at.as_microsecond(), arrival.last_at.as_microsecond(), &arrival.label,
                     taken.transpose()?, refused.transpose()?, count(arrival.corrected),
-                    count(arrival.ignored), arrival.uids.study.as_str(), arrival.uids.series.as_str(),
+                    count(arrival.ignored), count(arrival.refused_objects), &arrival.last_refusal,
+                    arrival.uids.study.as_str(), arrival.uids.series.as_str(),
                 ],
             )
             .await?;
@@ -497,6 +518,7 @@ async fn add(
     let (arrived, has_returned) = images::arrive(connection, new, source, now, changed).await?;
     if arrived == Arrived::Following(Following::Unusable) {
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
+        refuse(connection, &new.uids, source, &Refusal::NOT_BETTER, now).await?;
         return Ok(Reception::Refused);
     }
     let is_another = arrived == Arrived::Following(Following::Another);
@@ -545,6 +567,42 @@ async fn add(
         true => Reception::Corrected,
         false => Reception::New,
     })
+}
+
+/// Counts an object that is refused. A series of which nothing else has come has an arrival too; of these only the newest are kept, so that
+/// no sender makes rows without end.
+async fn refuse(
+    connection: &mut Connection,
+    uids: &SeriesUids,
+    source: ArrivalSource,
+    refusal: &Refusal,
+    now: i64,
+) -> Result<(), StoreError> {
+    let detail = "nothing of the series could be stored; `last_refusal` states why";
+    let reason = serde_json::to_string(&Failure::unusable(ALL_REFUSED, detail))?;
+    let row = connection
+        .fetch_one(
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, refused_objects, last_refusal, first_at, last_at)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, 1, $6, $7, $7)
+             ON CONFLICT (study_uid, series_uid)
+             DO UPDATE SET refused_objects = arrivals.refused_objects + 1, last_refusal = excluded.last_refusal
+             RETURNING refused_objects",
+            args![
+                new_id(), uids.study.as_str(), uids.series.as_str(), source.name(), reason,
+                &*refusal.why, now,
+            ],
+        )
+        .await?;
+    if row.get::<i64>("refused_objects")? == 1 {
+        connection
+            .execute(
+                "DELETE FROM arrivals WHERE reason LIKE $1
+                 AND id NOT IN (SELECT id FROM arrivals WHERE reason LIKE $1 ORDER BY first_at DESC, id DESC LIMIT $2)",
+                args![format!("%\"{ALL_REFUSED}\"%"), count(MOST_ALL_REFUSED)],
+            )
+            .await?;
+    }
+    Ok(())
 }
 
 /// Notes that an image of a series came again unchanged. A series that waits for that is read again, and so is one that is a case: from
@@ -677,7 +735,9 @@ async fn series(
         .execute(
             "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
              VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
+             ON CONFLICT (study_uid, series_uid)
+             DO UPDATE SET label = coalesce(arrivals.label, excluded.label),
+                           accession_number = coalesce(arrivals.accession_number, excluded.accession_number)",
             args![
                 new_id(), new.uids.study.as_str(), new.uids.series.as_str(),
                 new.accession_number.as_ref().map(AccessionNumber::as_str), source.name(),
@@ -968,6 +1028,8 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         expected: expected.map(read_count),
         corrected: read_count(row.get("corrected")?),
         ignored: read_count(row.get("ignored")?),
+        refused_objects: read_count(row.get("refused_objects")?),
+        last_refusal: row.get("last_refusal")?,
         first_at: read_time(row, "first_at")?,
         last_at: read_time(row, "last_at")?,
     })

@@ -29,7 +29,6 @@ impl PacsStore {
                     (Reception::New, ImageStatus::Stored),
                     (Reception::Corrected, ImageStatus::Corrected),
                     (Reception::Known, ImageStatus::Known),
-                    (Reception::Refused, ImageStatus::Refused),
                 ] {
                     let of_status = receptions.iter().filter(|became| **became == reception);
                     self.images_came(source, status, of_status.count());

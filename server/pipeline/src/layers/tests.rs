@@ -257,6 +257,25 @@ fn values_keep_their_sign_and_what_is_not_a_number_is_undefined() {
 }
 
 #[test]
+fn one_odd_voxel_takes_no_steps_from_the_others() {
+    let case = prepared();
+    let grid = case.0.volume.grid();
+    let value = |index: usize| (index % 1123) as f32 / 100.0 - 5.6;
+    let mut values: Vec<f32> = (0..grid.voxel_count()).map(value).collect();
+    values[grid.index(grid.size().map(|side| side / 2))] = 1e5;
+    let layer = prepare(
+        &case,
+        &numbers(grid, &values),
+        &of_kind(LayerKind::Map),
+        None,
+    );
+    let facts = layer.unwrap().facts;
+    assert_eq!(facts.clipped, 1);
+    // A step is about a hundredth, as between the values.
+    assert!(facts.range[1] < 1000.0, "{:?}", facts.range);
+}
+
+#[test]
 fn labels_are_named_and_those_of_meld_by_themselves() {
     let case = prepared();
     let grid = case.0.volume.grid();

@@ -152,13 +152,24 @@ async fn findings_come_as_csv_that_no_spreadsheet_computes() {
     line["kind"] = json!("line");
     line["points_in_patient"] = json!([at, place(&server, &case, 22.0).await]);
     line["label"] = json!("=1+\"2\"");
-    put(&server, &case, none.header("etag"), &json!([line])).await;
+    let mut findings = vec![line];
+    // A spreadsheet may compute what is written in full width, too.
+    let signs = ["+", "-", "@", "＝", "＋", "－", "＠"];
+    for (number, sign) in signs.iter().enumerate() {
+        let mut one = point(&format!("b{number}"), &at);
+        one["label"] = json!(format!("{sign}1"));
+        findings.push(one);
+    }
+    put(&server, &case, none.header("etag"), &json!(findings)).await;
     let accept = [("accept", "text/csv")];
     let csv = server.get_with(&format!("{case}/findings"), &accept).await;
     assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split("\r\n").collect();
-    assert_eq!(rows.len(), 4, "{text}");
+    assert_eq!(rows.len(), 11, "{text}");
+    for (row, sign) in rows[3..].iter().zip(signs) {
+        assert!(row.contains(&format!("\"'{sign}1\"")), "{row}");
+    }
     assert!(rows[0].starts_with("finding,kind,point,left_mm,"));
     assert!(rows[2].starts_with("a,line,2,"), "{text}");
     assert!(

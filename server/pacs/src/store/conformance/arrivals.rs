@@ -14,9 +14,10 @@ use storage::upkeep::{Removal, Waiting};
 use storage::{Claim, Cursor, ObjectName, Release};
 
 use super::Subject;
+use crate::refusal::Refusal;
 use crate::store::PacsStore;
 use crate::values::{
-    ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueSeries, DueTerms,
+    ALL_REFUSED, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueSeries, DueTerms,
     INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, REJECTED,
     Reception, SERIES, Taken, TakenAs,
 };
@@ -357,6 +358,43 @@ pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
         (arrival.state, arrival.ignored, arrival.instances),
         (ArrivalState::Receiving, 2, 1)
     );
+}
+
+pub(crate) async fn what_is_refused_is_counted_and_makes_few_rows(subject: &Subject) {
+    let store = &subject.store;
+    let refusal = Refusal::ANOTHER_CLASS;
+    let source = ArrivalSource::Stow;
+    let refuse = async |number| {
+        let uids = series(number);
+        let refused = store.refuse(&uids, source, &refusal).await;
+        refused.unwrap();
+        // The newest are kept.
+        subject.pass(1);
+    };
+    for number in [1, 1, 2] {
+        refuse(number).await;
+    }
+    let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(
+        (arrival.state, arrival.refused_objects),
+        (ArrivalState::Nothing, 2)
+    );
+    assert_eq!(arrival.reason.unwrap().name, ALL_REFUSED);
+    assert_eq!(arrival.last_refusal, Some(refusal.why.to_string()));
+    subject.pass(21);
+    assert!(due(store).await.is_none());
+    // One that has an image is a series like others, and has the accession number of it.
+    receive(store, &[image(1, 1)]).await;
+    for number in 3..103 {
+        refuse(number).await;
+    }
+    let mut arrivals = store.arrivals_of(&study()).await.unwrap();
+    assert_eq!(arrivals.len(), 101);
+    let arrival = arrivals.remove(0);
+    assert_eq!(arrival.uids, series(1));
+    assert_eq!((arrival.refused_objects, arrival.reason), (2, None));
+    assert_eq!(arrival.accession_number, AccessionNumber::parse("A1"));
+    assert_eq!(arrivals[0].uids, series(3), "the oldest is gone");
 }
 
 pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subject: &Subject) {

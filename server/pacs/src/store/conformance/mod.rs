@@ -108,6 +108,7 @@ conformance! {
     an_unchanged_image_wakes_a_series_that_waits_for_it
     what_replaces_a_closed_case_inherits_nothing
     objects_that_are_not_kept_are_counted
+    what_is_refused_is_counted_and_makes_few_rows
     an_image_that_comes_under_another_series_leaves_its_own
     what_is_made_of_rejected_images_is_closed_until_that_is_lifted
     what_a_pacs_has_sent_is_known_for_a_year_and_while_something_is_made_of_it
