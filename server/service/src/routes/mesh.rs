@@ -193,12 +193,7 @@ pub async fn get_mesh(
 ) -> Result<Response, AppError> {
     let types = if asked.solid { SOLID_TYPES } else { MESH_TYPES };
     let format = media_type(&request, types)?;
-    let question = Question {
-        id,
-        route: "mesh",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "mesh", &asked, &request);
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
@@ -351,12 +346,7 @@ pub async fn get_triangles(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[POSITIONS])?;
-    let question = Question {
-        id,
-        route: "mesh/triangles",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "mesh/triangles", &asked, &request);
     let format = Format::compressed(POSITIONS, &request);
     let coding = format.coding();
     let work = async |_| {
@@ -393,12 +383,7 @@ pub async fn get_paths(
 ) -> Result<Response, AppError> {
     const PATHS: &str = "application/vnd.isocortex.paths";
     media_type(&request, &[PATHS, POSITIONS])?;
-    let question = Question {
-        id,
-        route: "mesh/paths",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "mesh/paths", &asked, &request);
     // The layout counts in the tag.
     let format = Format::compressed(PATHS, &request).variant("paths 2");
     let format = of_surface(format, "paths 2", asked.surface);

@@ -59,12 +59,7 @@ pub async fn get_registration(
     // The answer may be known to the client although the other case is gone.
     let with = query.with;
     cases.ready(&with).await?;
-    let question = Question {
-        id,
-        route: "registration",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "registration", &query, &request);
     let format = Format::of("application/json").revalidated();
     let work = async |_| {
         let found = cases.registration(&id, &with).await?;
