@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
-use geometry::{Grid, Mask};
+use geometry::{Grid, Mask, as_position};
 use glam::DVec3;
 
 use super::common::{Head, WriteError, cut, file, reference, source_image};
@@ -194,12 +194,8 @@ impl Frames {
     fn add(&mut self, segment: u32, mask: &Mask, native: &Grid) {
         let [columns, rows, _] = native.size();
         let mask_from_native = mask.grid().voxel_from_patient() * native.patient_from_voxel();
-        let size = mask.grid().size();
         let is_inside = |voxel: [usize; 3]| {
-            let voxel = DVec3::from_array(voxel.map(|index| index as f64));
-            let at = mask_from_native.transform_point3(voxel).round().to_array();
-            let within = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f64;
-            (0..3).all(within) && mask.voxels()[mask.grid().index(at.map(|index| index as usize))]
+            mask.contains(mask_from_native.transform_point3(as_position(voxel)))
         };
         let per_slice = columns * rows;
         let [x, y, z] = ranges(mask, native);
