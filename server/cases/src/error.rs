@@ -12,8 +12,6 @@ use pipeline::surfaces::NoSurfaces;
 use render::RenderError;
 use storage::{FAILED_DISK, FULL_STORE, ObjectError, STORE_AWAY, StoreError};
 
-use crate::models::{ModelError, PathsError};
-
 /// An error of the application. The sentences may be shown to clients, except for [`Error::Store`].
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -230,25 +228,6 @@ impl From<worker::Error> for Error {
             worker::Error::Failure(failure) => Self::Failure(failure),
             worker::Error::Interrupted => Self::Unavailable,
             worker::Error::NotRun => Self::Internal,
-        }
-    }
-}
-
-impl From<ModelError> for Error {
-    fn from(error: ModelError) -> Self {
-        match error {
-            ModelError::NoSurfaces(reason) => Self::NoSurfaces(reason),
-            ModelError::Store(error) => error.into(),
-        }
-    }
-}
-
-impl From<PathsError> for Error {
-    fn from(error: PathsError) -> Self {
-        match error {
-            PathsError::Deleted => Self::NoSuchCase,
-            PathsError::Store(error) => error.into(),
-            PathsError::Geometry(error) => error.into(),
         }
     }
 }

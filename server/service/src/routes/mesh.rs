@@ -1,6 +1,6 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
-use cases::{Cases, Error};
+use cases::Cases;
 use std::future::ready;
 use std::sync::Arc;
 
@@ -204,10 +204,7 @@ pub async fn get_mesh(
             let (body, lacking) = turn.run(work).await??;
             return Ok(content(body, depth, &lacking));
         }
-        let shrunk = async {
-            let shrunk = model.shrink(size, asked.paths, depth.mm).await;
-            shrunk.map_err(Error::from)
-        };
+        let shrunk = model.shrink(size, asked.paths, depth.mm);
         let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.
             encode(shrunk.await?, model.model().field(), (size, format))
@@ -401,7 +398,7 @@ pub async fn get_paths(
             };
             wire::paths(&table, paths, &astray)
         };
-        let table = async { model.paths(size, paths).await.map_err(Error::from) };
+        let table = model.paths(size, paths);
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())
     };
