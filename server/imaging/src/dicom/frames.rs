@@ -12,7 +12,7 @@ use super::numbers::{integer, text};
 use super::pixels::stored_samples;
 use super::scan::{PixelBytes, Scanned, scan};
 use super::syntax::{Encoding, Packing};
-use super::write::file_meta;
+use super::write::written;
 
 /// The most frames of an image.
 const MAX_FRAMES: usize = 1 << 16;
@@ -152,20 +152,12 @@ pub(super) fn write_explicit(
     };
     let pixels = PrimitiveValue::U8(pixels.into());
     object.put(DataElement::new(tags::PIXEL_DATA, vr, pixels));
-    let damaged = || DicomError::Damaged {
-        what: "it lacks the UID of its class or its instance, or cannot be written again",
-    };
     let uid = |tag| text(&object, tag).unwrap_or_default();
-    let meta = file_meta()
-        .transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN)
-        .media_storage_sop_class_uid(uid(tags::SOP_CLASS_UID))
-        .media_storage_sop_instance_uid(uid(tags::SOP_INSTANCE_UID))
-        .build()
-        .map_err(|_| damaged())?;
-    let mut bytes = Vec::new();
-    let file = object.with_exact_meta(meta);
-    file.write_all(&mut bytes).map_err(|_| damaged())?;
-    Ok(bytes)
+    let [class, instance] = [tags::SOP_CLASS_UID, tags::SOP_INSTANCE_UID].map(uid);
+    let syntax = uids::EXPLICIT_VR_LITTLE_ENDIAN;
+    written(object, syntax, [&class, &instance]).map_err(|_| DicomError::Damaged {
+        what: "it lacks the UID of its class or its instance, or cannot be written again",
+    })
 }
 
 #[cfg(test)]

@@ -3,7 +3,8 @@
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 
-use super::common::{Head, WriteError, file};
+use super::common::{Head, WriteError, file, referenced};
+use super::content::{related, text};
 use super::item::{Code, Item};
 
 /// The reason of a rejection note (CID 7011).
@@ -48,14 +49,7 @@ pub struct Listed {
 
 impl Listed {
     fn reference(&self) -> Item {
-        let mut item = Item::new();
-        item.text(tags::REFERENCED_SOP_CLASS_UID, VR::UI, &self.sop_class_uid)
-            .text(
-                tags::REFERENCED_SOP_INSTANCE_UID,
-                VR::UI,
-                &self.sop_instance_uid,
-            );
-        item
+        referenced(&self.sop_class_uid, &self.sop_instance_uid)
     }
 }
 
@@ -76,33 +70,15 @@ pub fn key_object(
     }
     let class = uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
     let mut item = head.begin_document(class, "KO")?;
-    let mut evidence = Item::new();
-    evidence
-        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
-        .items(tags::REFERENCED_SERIES_SEQUENCE, of_each_series(listed));
-    let mut template = Item::new();
-    template.text(tags::MAPPING_RESOURCE, VR::CS, "DCMR").text(
-        tags::TEMPLATE_IDENTIFIER,
-        VR::CS,
-        "2010",
-    );
-    let mut remark = Item::new();
-    remark
-        .text(tags::RELATIONSHIP_TYPE, VR::CS, "CONTAINS")
-        .text(tags::VALUE_TYPE, VR::CS, "TEXT")
-        .codes(
-            tags::CONCEPT_NAME_CODE_SEQUENCE,
-            &[Code {
-                value: "113012",
-                scheme: "DCM",
-                meaning: "Key Object Description",
-            }],
-        )
-        .text(tags::TEXT_VALUE, VR::UT, head.comment);
+    let description = Code {
+        value: "113012",
+        scheme: "DCM",
+        meaning: "Key Object Description",
+    };
+    let remark = text("CONTAINS", description, head.comment);
     let image = |listed: &Listed| {
-        let mut item = Item::new();
-        item.text(tags::RELATIONSHIP_TYPE, VR::CS, "CONTAINS")
-            .text(tags::VALUE_TYPE, VR::CS, "IMAGE")
+        let mut item = related("CONTAINS");
+        item.text(tags::VALUE_TYPE, VR::CS, "IMAGE")
             .items(tags::REFERENCED_SOP_SEQUENCE, [listed.reference()]);
         item
     };
@@ -110,18 +86,14 @@ pub fn key_object(
     item.items(tags::REFERENCED_PERFORMED_PROCEDURE_STEP_SEQUENCE, [])
         .items(
             tags::CURRENT_REQUESTED_PROCEDURE_EVIDENCE_SEQUENCE,
-            [evidence],
+            [evidence_of(study, listed)],
         )
-        .text(tags::VALUE_TYPE, VR::CS, "CONTAINER")
-        .codes(tags::CONCEPT_NAME_CODE_SEQUENCE, &[title.code()])
-        .text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
-        .items(tags::CONTENT_TEMPLATE_SEQUENCE, [template])
-        .items(tags::CONTENT_SEQUENCE, content);
+        .container(title.code(), Some("2010"), content);
     file(item, class, head.instance_uid)
 }
 
-/// The objects of each series, in the order in which the series come first.
-pub(super) fn of_each_series(listed: &[Listed]) -> Vec<Item> {
+/// The objects of a study by their series, in the order in which the series come first.
+pub(super) fn evidence_of(study: &str, listed: &[Listed]) -> Item {
     let mut series: Vec<(&str, Vec<Item>)> = Vec::new();
     for each in listed {
         let known = series.iter_mut().find(|(uid, _)| *uid == each.series_uid);
@@ -136,5 +108,10 @@ pub(super) fn of_each_series(listed: &[Listed]) -> Vec<Item> {
             .items(tags::REFERENCED_SOP_SEQUENCE, references);
         item
     };
-    series.into_iter().map(item).collect()
+    let mut evidence = Item::new();
+    let series = series.into_iter().map(item);
+    evidence
+        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
+        .items(tags::REFERENCED_SERIES_SEQUENCE, series);
+    evidence
 }

@@ -7,7 +7,7 @@ use dicom_dictionary_std::{tags, uids};
 use geometry::{Grid, Mask, as_position};
 use glam::DVec3;
 
-use super::common::{Head, WriteError, cut, file, reference, source_image};
+use super::common::{Head, WriteError, cut, each_once, file, reference, source_image};
 use super::item::{Code, Item};
 use super::uid::uid_of;
 use crate::dicom::marks::{SEGMENT_CREATOR, SEGMENT_MARK};
@@ -310,11 +310,9 @@ fn put_dimensions(item: &mut Item, head: &Head<'_>) {
 
 /// The images to which the frames refer, each once (Common Instance Reference).
 fn put_series(item: &mut Item, head: &Head<'_>, slices: &[Option<&Instance>], found: &Frames) {
-    let mut seen = std::collections::HashSet::new();
     let used = found.slices.iter();
     let used = used.filter_map(|&(_, slice)| slices.get(slice).copied().flatten());
-    let used = used.filter(|instance| seen.insert(&instance.sop_instance_uid));
-    let references: Vec<_> = used.map(reference).collect();
+    let references: Vec<_> = each_once(used).map(reference).collect();
     let series = head.of_source("SeriesInstanceUID");
     if let Some(series) = series.filter(|_| !references.is_empty()) {
         let mut referenced = Item::new();
