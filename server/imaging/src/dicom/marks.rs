@@ -6,11 +6,10 @@ use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
-use super::header::parse;
+use super::error::damaged;
+use super::header::{items, parse, refuse_other};
 use super::numbers::text;
 use super::scan::scan;
-use crate::sniff::recognised;
-use crate::{Format, sniff};
 
 /// The most findings and points that are read.
 const MAX_MARKS: usize = 1_000;
@@ -124,12 +123,7 @@ pub struct MarkedPatient {
 /// # Errors
 /// If it is not DICOM, is damaged, or is another object.
 pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
-    if sniff(file) != Format::Dicom {
-        return Err(DicomError::NoDicom {
-            files: 1,
-            found: recognised(file),
-        });
-    }
+    refuse_other(file)?;
     let mut wanted = WANTED;
     wanted.sort_unstable();
     let report = parse(&scan(file, &wanted)?)?;
@@ -168,14 +162,10 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
         points += mark.points_in_patient.len();
         let is_first = found.marks.is_empty();
         if found.marks.len() == MAX_MARKS || points > MAX_POINTS {
-            return Err(DicomError::Damaged {
-                what: "it has more than 1,000 findings or 20,000 points",
-            });
+            return Err(damaged("it has more than 1,000 findings or 20,000 points"));
         }
         if !is_first && frame_of_reference != found.frame_of_reference {
-            return Err(DicomError::Damaged {
-                what: "its findings lie in several frames of reference",
-            });
+            return Err(damaged("its findings lie in several frames of reference"));
         }
         found.frame_of_reference = frame_of_reference;
         found.marks.push(mark);
@@ -184,9 +174,7 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
 }
 
 fn not_ours() -> DicomError {
-    DicomError::Damaged {
-        what: "it is neither a measurement report nor a segmentation with findings of this program",
-    }
+    damaged("it is neither a measurement report nor a segmentation with findings of this program")
 }
 
 /// The finding that a segment is of; `None` if it is not of this program.
@@ -259,11 +247,6 @@ fn side(group: &InMemDicomObject) -> Option<Side> {
     [(code::LEFT, Side::Left), (code::RIGHT, Side::Right)]
         .into_iter()
         .find_map(|(code, side)| (code.value == value).then_some(side))
-}
-
-fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
-    let found = object.get(tag).and_then(|element| element.items());
-    found.unwrap_or_default()
 }
 
 fn content(object: &InMemDicomObject) -> &[InMemDicomObject] {
