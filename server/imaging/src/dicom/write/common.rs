@@ -6,8 +6,8 @@ use dicom_core::{Tag, VR};
 use dicom_dictionary_std::{tags, uids};
 use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 
-use super::item::{Code, Item};
-use crate::dicom::{Attributes, Instance};
+use super::item::Item;
+use crate::dicom::{Attributes, Instance, code};
 
 /// Attributes of the patient and the study, which are copied from the source. Those that are marked are present even if
 /// their value is not known (type 2).
@@ -38,13 +38,6 @@ const COPIED: [(&str, Tag, VR, bool); 15] = [
         true,
     ),
 ];
-
-/// The source of a derived image.
-const SOURCE_OF_PROCESSING: Code<'_> = Code {
-    value: "121322",
-    scheme: "DCM",
-    meaning: "Source image for image processing operation",
-};
 
 const MANUFACTURER: &str = "Isocortex";
 
@@ -245,7 +238,7 @@ pub(super) fn source_image(instance: &Instance, frame: Option<usize>) -> Item {
     }
     item.codes(
         tags::PURPOSE_OF_REFERENCE_CODE_SEQUENCE,
-        &[SOURCE_OF_PROCESSING],
+        &[code::SOURCE_OF_PROCESSING],
     );
     item
 }

@@ -5,7 +5,7 @@ use dicom_dictionary_std::{tags, uids};
 
 use super::common::{Head, WriteError, file, reference};
 use super::item::Item;
-use crate::dicom::marks::code;
+use crate::dicom::code;
 
 const CLASS: &str = uids::ENCAPSULATED_PDF_STORAGE;
 

@@ -5,7 +5,8 @@ use dicom_dictionary_std::{tags, uids};
 
 use super::common::{Head, WriteError, file, referenced};
 use super::content::{related, text};
-use super::item::{Code, Item};
+use super::item::Item;
+use crate::dicom::code::{self, Code};
 
 /// The reason of a rejection note (CID 7011).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,17 +22,12 @@ pub enum KeyObjectTitle {
 }
 
 impl KeyObjectTitle {
-    fn code(self) -> Code<'static> {
-        let (value, meaning) = match self {
-            Self::RejectedForQuality => ("113001", "Rejected for Quality Reasons"),
-            Self::RejectedForSafety => ("113037", "Rejected for Patient Safety Reasons"),
-            Self::IncorrectWorklistEntry => ("113038", "Incorrect Modality Worklist Entry"),
-            Self::RetentionExpired => ("113039", "Data Retention Policy Expired"),
-        };
-        Code {
-            value,
-            scheme: "DCM",
-            meaning,
+    fn code(self) -> Code {
+        match self {
+            Self::RejectedForQuality => code::REJECTED_FOR_QUALITY,
+            Self::RejectedForSafety => code::REJECTED_FOR_SAFETY,
+            Self::IncorrectWorklistEntry => code::INCORRECT_WORKLIST_ENTRY,
+            Self::RetentionExpired => code::RETENTION_EXPIRED,
         }
     }
 }
@@ -70,12 +66,7 @@ pub fn key_object(
     }
     let class = uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
     let mut item = head.begin_document(class, "KO")?;
-    let description = Code {
-        value: "113012",
-        scheme: "DCM",
-        meaning: "Key Object Description",
-    };
-    let remark = text("CONTAINS", description, head.comment);
+    let remark = text("CONTAINS", code::KEY_OBJECT_DESCRIPTION, head.comment);
     let image = |listed: &Listed| {
         let mut item = related("CONTAINS");
         item.text(tags::VALUE_TYPE, VR::CS, "IMAGE")

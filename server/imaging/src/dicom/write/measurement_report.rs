@@ -9,7 +9,8 @@ use super::common::{Head, IMPLEMENTATION_CLASS_UID, WriteError, file};
 use super::content::{coded, content, related, text};
 use super::item::{Code, Item};
 use super::key_object::{Listed, evidence_of};
-use crate::dicom::marks::{Mark, Side, code};
+use crate::dicom::code;
+use crate::dicom::marks::{Mark, Side};
 
 const CLASS: &str = uids::COMPREHENSIVE3_DSR_STORAGE;
 

@@ -4,22 +4,11 @@ use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 
 use super::common::{Head, WriteError, file, source_image};
-use super::item::Code;
+use crate::dicom::code::{self, Code};
 
 /// How pictures of the isosurface are made: no voxel is resampled, so they are a rendering of a surface, and a curved
 /// cut through the volume at the same time (CID 7203).
-const DERIVATION: [Code; 2] = [
-    Code {
-        value: "113075",
-        scheme: "DCM",
-        meaning: "Surface rendering",
-    },
-    Code {
-        value: "113073",
-        scheme: "DCM",
-        meaning: "Curved multiplanar reformatting",
-    },
-];
+const DERIVATION: [Code; 2] = [code::SURFACE_RENDERING, code::CURVED_REFORMATTING];
 
 /// A picture.
 #[derive(Debug)]

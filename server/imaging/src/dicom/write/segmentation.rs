@@ -8,42 +8,13 @@ use geometry::{Grid, Mask, as_position};
 use glam::DVec3;
 
 use super::common::{Head, WriteError, cut, each_once, file, reference, source_image};
-use super::item::{Code, Item};
+use super::item::Item;
 use super::uid::uid_of;
+use crate::dicom::code;
 use crate::dicom::marks::{SEGMENT_CREATOR, SEGMENT_MARK};
 use crate::dicom::{Instance, Mark};
 
 const CLASS: &str = uids::SEGMENTATION_STORAGE;
-
-const SEGMENTATION: Code<'_> = Code {
-    value: "113076",
-    scheme: "DCM",
-    meaning: "Segmentation",
-};
-
-const ANATOMICAL_STRUCTURE: Code<'_> = Code {
-    value: "123037004",
-    scheme: "SCT",
-    meaning: "Anatomical Structure",
-};
-
-const BRAIN: Code<'_> = Code {
-    value: "12738006",
-    scheme: "SCT",
-    meaning: "Brain",
-};
-
-const SPATIAL_CONCEPT: Code<'_> = Code {
-    value: "309825002",
-    scheme: "SCT",
-    meaning: "Spatial and Relational Concept",
-};
-
-const SELECTED_REGION: Code<'_> = Code {
-    value: "111099",
-    scheme: "DCM",
-    meaning: "Selected region",
-};
 
 /// The most characters of the label of a segment.
 const MAX_LABEL: usize = 64;
@@ -130,7 +101,7 @@ pub fn segmentation(
         .text(tags::CONTENT_LABEL, VR::CS, about.content_label)
         .text(tags::CONTENT_DESCRIPTION, VR::LO, about.description)
         .text(tags::CONTENT_CREATOR_NAME, VR::PN, "")
-        .codes(tags::DERIVATION_CODE_SEQUENCE, &[SEGMENTATION])
+        .codes(tags::DERIVATION_CODE_SEQUENCE, &[code::SEGMENTATION])
         .shorts(tags::SAMPLES_PER_PIXEL, &[1])
         .text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "MONOCHROME2")
         .text(
@@ -255,8 +226,8 @@ fn described(number: u16, segment: &Segment<'_>) -> Item {
         Algorithm::Manual => ("MANUAL", None),
     };
     let (category, property) = match segment.property {
-        Property::Brain => (ANATOMICAL_STRUCTURE, BRAIN),
-        Property::SelectedRegion => (SPATIAL_CONCEPT, SELECTED_REGION),
+        Property::Brain => (code::ANATOMICAL_STRUCTURE, code::BRAIN),
+        Property::SelectedRegion => (code::SPATIAL_CONCEPT, code::SELECTED_REGION),
     };
     // A backslash would separate two values.
     let label = segment.label.replace('\\', "/");
@@ -370,7 +341,7 @@ fn frame_groups(
         let mut derivation = Item::new();
         derivation
             .items(tags::SOURCE_IMAGE_SEQUENCE, [source])
-            .codes(tags::DERIVATION_CODE_SEQUENCE, &[SEGMENTATION]);
+            .codes(tags::DERIVATION_CODE_SEQUENCE, &[code::SEGMENTATION]);
         groups.items(tags::DERIVATION_IMAGE_SEQUENCE, [derivation]);
     }
     groups
