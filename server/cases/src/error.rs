@@ -7,8 +7,7 @@ use case::{
     CaseState, Closed, ErrorKind, Failure, INTERNAL, MAX_LAYERS, PublicError, SOURCE_MISSING,
 };
 use geometry::GeometryError;
-use pipeline::maps::NoMaps;
-use pipeline::surfaces::NoSurfaces;
+use pipeline::Undefined;
 use render::RenderError;
 use storage::{FAILED_DISK, FULL_STORE, ObjectError, STORE_AWAY, StoreError};
 
@@ -36,10 +35,10 @@ pub enum Error {
     LayerNameTaken,
     /// The case has no maps.
     #[error(transparent)]
-    MapsUndefined(NoMaps),
+    MapsUndefined(Undefined),
     /// The case has only the surface of the whole brain.
-    #[error(transparent)]
-    NoSurfaces(NoSurfaces),
+    #[error("only the whole brain has a surface: {0}")]
+    NoSurfaces(Undefined),
     /// The input cannot be used, as found now or during its preparation.
     #[error(transparent)]
     Failure(#[from] Failure),

@@ -1,10 +1,8 @@
 //! The maps of a case: the sharpness of its junction of grey and white matter, computed once and stored as one object.
 
-use std::borrow::Cow;
-
 use analysis::{
-    Candidate, DepthBand, Division, Flair, FlairUndefined, Head, MapKind, Maps, MapsUndefined,
-    MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, StoredMap,
+    Candidate, DepthBand, Division, Flair, Head, MapKind, Maps, MapsUndefined, MidsagittalPlane,
+    NoDivision, Region, RegionDoubt, Regions, StoredMap,
 };
 use case::{
     BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
@@ -12,14 +10,13 @@ use case::{
 };
 use geometry::{DepthField, Envelope, Grid, Volume};
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
 pub use analysis::{
     HeadDoubts, Judgement, JunctionWidth, MAP_FORMAT, Scale, ScoreCaveat, ScoreLimits,
     UNDEFINED as UNDEFINED_CODE, width_table,
 };
 
-use crate::affine_of;
+use crate::{Undefined, affine_of};
 
 /// The maps of a case, or the map of a FLAIR among its layers.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,51 +37,21 @@ pub struct CaseMaps {
     pub doubts: HeadDoubts,
 }
 
-/// Why a case has no maps.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
-#[error("{sentence}")]
-pub struct NoMaps {
-    /// The stable name of the reason: `coarse-voxels`.
-    pub code: Cow<'static, str>,
-    /// The reason, for people.
-    pub sentence: Cow<'static, str>,
-}
-
-impl From<MapsUndefined> for NoMaps {
-    fn from(reason: MapsUndefined) -> Self {
-        Self {
-            code: reason.code().into(),
-            sentence: reason.to_string().into(),
-        }
-    }
-}
-
-impl From<FlairUndefined> for NoMaps {
-    fn from(reason: FlairUndefined) -> Self {
-        Self {
-            code: reason.code().into(),
-            sentence: reason.to_string().into(),
-        }
-    }
-}
-
-impl NoMaps {
-    /// The reason for no map of a FLAIR whose place must be checked by eye.
-    fn doubtful_place(placement: &PlacementFacts) -> Self {
-        let why = placement.reason.as_deref();
-        let why = why.unwrap_or("it was not compared with the volume of the case");
-        Self {
-            code: "flair-place-doubtful".into(),
-            sentence: format!(
-                "the place of the FLAIR is not certain, and its map needs one that is: {why}"
-            )
-            .into(),
-        }
+/// The reason for no map of a FLAIR whose place must be checked by eye.
+fn doubtful_place(placement: &PlacementFacts) -> Undefined {
+    let why = placement.reason.as_deref();
+    let why = why.unwrap_or("it was not compared with the volume of the case");
+    Undefined {
+        code: "flair-place-doubtful".into(),
+        sentence: format!(
+            "the place of the FLAIR is not certain, and its map needs one that is: {why}"
+        )
+        .into(),
     }
 }
 
 /// The maps of a case, or the reason why it has none.
-pub type MapsOrReason = Result<CaseMaps, NoMaps>;
+pub type MapsOrReason = Result<CaseMaps, Undefined>;
 
 impl CaseMaps {
     /// How many places of the cerebrum have an unusual score, in any map that lists places.
@@ -173,7 +140,7 @@ pub fn compute_flair(
 ) -> MapsOrReason {
     doubt_of(facts)?;
     if placement.quality != QualityState::Ok {
-        return Err(NoMaps::doubtful_place(placement));
+        return Err(doubtful_place(placement));
     }
     let flair = Flair {
         volume: layer,

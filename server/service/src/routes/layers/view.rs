@@ -7,7 +7,8 @@ use case::{
 use cases::dicom::Choice;
 use cases::library::{FlairState, MapsState};
 use cases::pictures::{MAPS_OFF, style_of_layer, style_of_map};
-use pipeline::maps::{MAP_FORMAT, NoMaps, map_unit};
+use pipeline::Undefined;
+use pipeline::maps::{MAP_FORMAT, map_unit};
 use render::{ColorMap, OverlayParameters};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -210,7 +211,7 @@ impl From<&MapsState> for MapsView {
             MapsState::Off => (MapsStateName::Off, Some(MAPS_OFF)),
         };
         let (reason, reason_code) = reason
-            .map(|NoMaps { code, sentence }| (sentence.into_owned(), code.into_owned()))
+            .map(|Undefined { code, sentence }| (sentence.into_owned(), code.into_owned()))
             .unzip();
         Self {
             state,
