@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use crate::routes::asked::{CasePath, Question};
-use case::CaseId;
-use cases::registration::CaseRegistration;
+use case::{CaseId, CaseRegistration};
 use cases::{Cases, Error};
 use http::conditional::Format;
 use http::problem::AppError;
