@@ -64,7 +64,6 @@ async fn model(library: &Library, id: &CaseId) -> WarmModel {
     models
         .get(id, case::SurfaceName::Whole)
         .await
-        .unwrap()
         .expect("the case is ready")
 }
 

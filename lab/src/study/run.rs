@@ -2,7 +2,7 @@
 
 use std::ops::ControlFlow;
 
-use analysis::{Candidate, Head, MapParameters, MapsUndefined, maps};
+use analysis::{Candidate, Head, MapsUndefined, maps};
 use geometry::Volume;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -282,7 +282,7 @@ impl StudyParameters {
 
 /// The lists of `blur` and of `thickness`, as the program makes them.
 fn lists(head: Head<'_>) -> Result<[Vec<Mark>; 2], MapsUndefined> {
-    let maps = maps(head, &MapParameters::STANDARD)?;
+    let maps = maps(head, None)?;
     let marks = |candidates: &[Candidate]| -> Vec<Mark> {
         let mark = |candidate: &Candidate| Mark {
             position_in_patient: candidate.position_in_patient,

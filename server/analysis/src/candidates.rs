@@ -210,14 +210,12 @@ pub struct Candidate {
     pub unusual: Option<Unusual>,
 }
 
-/// The parameters of the choice.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Choice {
-    /// The least distance between a candidate and every higher one, in mm.
-    pub(crate) apart_mm: f64,
-    pub(crate) limit: usize,
-}
-
+/// The Gaussian that smooths a map before candidates are chosen, in mm.
+const SMOOTHED_MM: f64 = 2.0;
+/// The least distance between a candidate and every higher one, in mm.
+const APART_MM: f64 = 10.0;
+/// The greatest number of candidates.
+const LIMIT: usize = 60;
 /// The greatest depth of a candidate, in mm, if the regions are in doubt. Deeper are nuclei and the brain stem, which have a
 /// blurred border in everybody.
 const DEEPEST_MM: f32 = 30.0;
@@ -240,13 +238,8 @@ impl<'a> Scores<'a> {
     /// A map over the junction, smoothed by a Gaussian over the junction alone, and lower where there is little junction.
     ///
     /// The mean over the junction replaces the values of the map beside the junction: there, detail also falls with the distance.
-    pub(crate) fn smoothed(
-        block: &Block,
-        junction: &'a [u32],
-        map: &mut [f32],
-        sigma_mm: f64,
-    ) -> Self {
-        let kernels = block.in_voxels(sigma_mm).map(Kernel::gaussian);
+    pub(crate) fn smoothed(block: &Block, junction: &'a [u32], map: &mut [f32]) -> Self {
+        let kernels = block.in_voxels(SMOOTHED_MM).map(Kernel::gaussian);
         let mut sums = vec![0.0; block.voxel_count()];
         let mut weights = vec![0.0; block.voxel_count()];
         for &voxel in junction {
@@ -276,14 +269,9 @@ impl<'a> Scores<'a> {
         Self { junction, scores }
     }
 
-    /// The highest eligible places (by their index in the junction), each at least `apart_mm` from every higher one,
+    /// The highest eligible places (by their index in the junction), each at least [`APART_MM`] from every higher one,
     /// highest first.
-    fn maxima(
-        &self,
-        block: &Block,
-        choice: Choice,
-        is_eligible: impl Fn(DVec3) -> bool,
-    ) -> Vec<usize> {
+    fn maxima(&self, block: &Block, is_eligible: impl Fn(DVec3) -> bool) -> Vec<usize> {
         let mut order: Vec<u32> = (0..self.junction.len() as u32).collect();
         // Equal scores are in voxel order, so that the order is the same on every machine.
         let higher = |a: &u32, b: &u32| {
@@ -292,7 +280,7 @@ impl<'a> Scores<'a> {
         };
         let mut found: Vec<(usize, DVec3)> = Vec::new();
         let mut sorted = 0;
-        while sorted < order.len() && found.len() < choice.limit {
+        while sorted < order.len() && found.len() < LIMIT {
             let rest = &mut order[sorted..];
             let count = rest.len().min(FIRST_SORTED.max(sorted));
             if count < rest.len() {
@@ -303,8 +291,8 @@ impl<'a> Scores<'a> {
                 let position = self.position(block, place as usize);
                 let is_apart = found
                     .iter()
-                    .all(|(_, other)| other.distance_squared(position) >= choice.apart_mm.powi(2));
-                if is_apart && found.len() < choice.limit && is_eligible(position) {
+                    .all(|(_, other)| other.distance_squared(position) >= APART_MM.powi(2));
+                if is_apart && found.len() < LIMIT && is_eligible(position) {
                     found.push((place as usize, position));
                 }
             }
@@ -377,7 +365,6 @@ pub(crate) fn candidates(
     scores: &Scores,
     head: Head<'_>,
     regions: &Regions,
-    choice: Choice,
     kind: MapKind,
 ) -> [Vec<Candidate>; 2] {
     let depth = head.depth;
@@ -408,7 +395,7 @@ pub(crate) fn candidates(
             let does_count = regions.at(position).is_none_or(Region::counts);
             does_count == counts && (regions.doubts.is_empty() || depth_mm(position) <= DEEPEST_MM)
         };
-        let maxima = scores.maxima(block, choice, is_eligible);
+        let maxima = scores.maxima(block, is_eligible);
         let high = maxima
             .into_iter()
             .filter(|&place| scores.scores[place] > 0.0);

@@ -8,31 +8,19 @@ const TISSUE_RANGE: [f32; 2] = [-0.5, 1.5];
 /// The least weight around a voxel; a voxel with a sharpness has more.
 const LEAST_WEIGHT: f32 = 1e-6;
 
-/// The widths of the Gaussians, in mm.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Band {
-    /// What is finer is noise.
-    pub(crate) finest_mm: f64,
-    /// What is coarser does not depend on the width of a junction.
-    pub(crate) coarsest_mm: f64,
-    /// The extent of the mean.
-    pub(crate) window_mm: f64,
-}
+/// The Gaussians between which intensities are detail, in mm: what is finer is noise; what is coarser does not depend on the width of a
+/// junction.
+const BAND_MM: [f64; 2] = [0.5, 1.2];
+/// The Gaussian that averages detail, in mm.
+const WINDOW_MM: f64 = 2.0;
 
 /// The standard deviation of the tissue scale between two Gaussians, in a window around each voxel, weighted by
 /// nearness to the junction. The share of the noise is subtracted. It has no meaning in voxels that are not deep enough.
 ///
 /// A blurred junction has less detail than a sharp one, whatever the direction of the junction and whether it is
 /// straight or a thin fold, for which a mean gradient is small as well.
-pub(crate) fn detail(
-    block: &Block,
-    values: &[f32],
-    near_junction: &[f32],
-    noise: f32,
-    band: Band,
-) -> Vec<f32> {
-    let [fine, coarse] = [band.finest_mm, band.coarsest_mm]
-        .map(|width_mm| block.in_voxels(width_mm).map(Kernel::gaussian));
+pub(crate) fn detail(block: &Block, values: &[f32], near_junction: &[f32], noise: f32) -> Vec<f32> {
+    let [fine, coarse] = BAND_MM.map(|width_mm| block.in_voxels(width_mm).map(Kernel::gaussian));
     let noise = noise_in_band(&fine, &coarse) as f32 * noise * noise;
     let mut energy: Vec<f32> = (values.iter())
         .map(|value| value.clamp(TISSUE_RANGE[0], TISSUE_RANGE[1]))
@@ -51,7 +39,7 @@ pub(crate) fn detail(
         *coarser = weight;
     }
     let mut weights = coarser;
-    let window = block.in_voxels(band.window_mm).map(Kernel::gaussian);
+    let window = block.in_voxels(WINDOW_MM).map(Kernel::gaussian);
     rayon::join(
         || smooth_within(&mut energy, &deep, &window),
         || smooth_within(&mut weights, &deep, &window),

@@ -10,10 +10,11 @@ use glam::{DAffine3, DVec3, Vec3};
 use crate::block::{Block, Zone};
 use crate::candidates::{Candidate, Scores, candidates};
 use crate::coarse::Coarse;
-use crate::maps::{MapParameters, Terms, lowered};
-use crate::mirror::{Places, Widths};
-use crate::regions::{Regions, regions};
-use crate::sharpness::Sharpness;
+use crate::gradient::weighted_gradient;
+use crate::maps::{Terms, lowered};
+use crate::mirror::Places;
+use crate::regions::{RegionDoubt, Regions, regions};
+use crate::sharpness::{Sharpness, sharpness};
 use crate::stored::{MapKind, StoredMap};
 use crate::tissue::{TissueScale, tissue_of};
 use crate::undefined::MapsUndefined;
@@ -125,7 +126,7 @@ impl FlairUndefined {
 pub fn flair_map(
     head: Head<'_>,
     flair: Flair<'_>,
-    parameters: &MapParameters,
+    doubt: Option<RegionDoubt>,
 ) -> Result<FlairMap, FlairUndefined> {
     let spacing_mm = flair.volume.grid().spacing_mm();
     let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
@@ -133,22 +134,22 @@ pub fn flair_map(
         return Err(FlairUndefined::CoarseVoxels { largest_mm });
     }
     let (block, values, tissue) = tissue_of(head)?;
-    let regions = regions(head, &block, &values, parameters.doubt);
-    let mut sharpness = parameters.sharpness(&block, &values, &tissue);
+    let regions = regions(head, &block, &values, doubt);
+    let weighted = weighted_gradient(&block, &values, tissue.noise);
+    let mut sharpness = sharpness(&block, weighted);
     let whole_junction = sharpness.count_only(&regions);
     let mut intensities = intensities(&block, flair);
     check_extent(&intensities, &sharpness.junction)?;
     divide_by_bias(&mut intensities, &block, &values)?;
     check_fluid(&intensities, (&block, &values), &tissue)?;
     let compared = (&intensities[..], &values[..]);
-    let mut map = bright(&block, compared, &sharpness, (head.plane, parameters));
+    let mut map = bright(&block, compared, &sharpness, head.plane);
     drop((intensities, values));
-    let scores = Scores::smoothed(&block, &whole_junction, &mut map, parameters.candidate_mm);
+    let scores = Scores::smoothed(&block, &whole_junction, &mut map);
     let defined = &sharpness.defined;
     let at_defined = defined.iter().map(|&voxel| map[voxel as usize]);
     let stored = StoredMap::new(MapKind::Flair, &block.grid, defined, at_defined);
-    let choice = parameters.choice();
-    let places = candidates(&block, &scores, head, &regions, choice, MapKind::Flair);
+    let places = candidates(&block, &scores, head, &regions, MapKind::Flair);
     Ok(FlairMap {
         map: stored,
         places,
@@ -274,7 +275,7 @@ fn bright(
     block: &Block,
     (intensities, tissue): (&[f32], &[f32]),
     sharpness: &Sharpness,
-    (plane, parameters): (&MidsagittalPlane, &MapParameters),
+    plane: &MidsagittalPlane,
 ) -> Vec<f32> {
     let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
     let means = coarse.means(|index| {
@@ -309,10 +310,6 @@ fn bright(
         .filter(is_shown)
         .copied()
         .collect();
-    let widths = Widths {
-        ring_mm: parameters.ring_mm,
-        mirrored_mm: parameters.mirrored_mm,
-    };
     let terms = Terms {
         spreads: [LEAST_SPREAD; 2],
         second_share: WHITE_SHARE,
@@ -322,7 +319,7 @@ fn bright(
         block,
         (&defined, &junction),
         ([first, second], &sharpness.weights),
-        (plane, widths),
+        plane,
         terms,
     );
     let mut everywhere = vec![f32::NAN; block.voxel_count()];
@@ -363,7 +360,7 @@ mod tests {
             volume,
             case_from_layer,
         };
-        flair_map(head().head(), flair, &MapParameters::STANDARD)
+        flair_map(head().head(), flair, None)
     }
 
     #[test]

@@ -6,16 +6,10 @@ use multiversion::multiversion;
 use crate::block::{Block, Zone};
 use crate::convolve::Kernel;
 
-/// The parameters of the gradient.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Slope {
-    /// Width of the Gaussian for the derivatives, in mm.
-    pub(crate) sigma_mm: f64,
-    /// The greatest distance from the middle between grey and white, in tissue scale.
-    pub(crate) half_width: f32,
-    /// Standard deviation of the noise, which adds to every gradient.
-    pub(crate) noise: f32,
-}
+/// The Gaussian for the derivatives, in mm.
+const SIGMA_MM: f64 = 0.65;
+/// The greatest distance from the middle between grey and white at which a voxel counts, in tissue scale.
+pub(crate) const HALF_WIDTH: f32 = 0.5;
 
 /// The weight of each voxel, and its gradient (per mm) times its weight. Both are 0 in voxels that are not deep enough.
 pub(crate) struct Weighted {
@@ -26,28 +20,27 @@ pub(crate) struct Weighted {
 /// The least width of the Gaussian, in voxels; below it a sampled derivative depends on the direction.
 const LEAST_VOXELS: f64 = 0.6;
 
-impl Slope {
-    /// The width of the Gaussian for voxels of these edges, in mm.
-    pub(crate) fn sigma_for(sigma_mm: f64, spacing_mm: [f64; 3]) -> f64 {
-        let largest = spacing_mm.into_iter().fold(0.0, f64::max);
-        sigma_mm.max(LEAST_VOXELS * largest)
-    }
+/// The width of the Gaussian for voxels of these edges, in mm.
+pub(crate) fn sigma_for(spacing_mm: [f64; 3]) -> f64 {
+    let largest = spacing_mm.into_iter().fold(0.0, f64::max);
+    SIGMA_MM.max(LEAST_VOXELS * largest)
 }
 
 /// The gradient of the tissue scale at the junction.
 ///
 /// Derivatives of one Gaussian are sampled along the three axes, so that the gradient of an edge does not depend on its
-/// direction; central differences after a narrow Gaussian are larger across a diagonal.
-pub(crate) fn weighted_gradient(block: &Block, values: &[f32], slope: Slope) -> Weighted {
-    let sigma = block.in_voxels(Slope::sigma_for(slope.sigma_mm, block.spacing_mm));
+/// direction; central differences after a narrow Gaussian are larger across a diagonal. `noise` is the standard deviation of the
+/// noise, which adds to every gradient.
+pub(crate) fn weighted_gradient(block: &Block, values: &[f32], noise: f32) -> Weighted {
+    let sigma = block.in_voxels(sigma_for(block.spacing_mm));
     let kernels = Kernels {
         smoothing: sigma.map(Kernel::gaussian),
         derivative: sigma.map(Kernel::derivative),
     };
     let metric = Metric::of(block);
     let weigh = Weigh {
-        noise: metric.noise(&kernels) * slope.noise * slope.noise,
-        per_half_width: 1.0 / slope.half_width,
+        noise: metric.noise(&kernels) * noise * noise,
+        per_half_width: 1.0 / HALF_WIDTH,
         metric,
     };
     let [nx, ny, _] = block.size;

@@ -36,7 +36,7 @@ pub use candidates::{
 };
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;
-pub use maps::{MapParameters, Maps, maps, maps_and_division};
+pub use maps::{Maps, maps, maps_and_division};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
 pub use regions::{
     Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart, regions,
@@ -48,7 +48,7 @@ pub use slant::{DepthBand, slope};
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};
 pub use tissue::{TissueScale, tissue_of};
 pub use undefined::MapsUndefined;
-pub use width::{JunctionWidth, WidthTable};
+pub use width::{JunctionWidth, WidthTable, width_table};
 
 /// Heads with known parts, for tests.
 #[cfg(any(test, feature = "testing"))]

@@ -1,16 +1,16 @@
-//! All maps of a head.
+//! All maps of a head. The widths of their filters belong to [`crate::MAP_FORMAT`].
 
 use geometry::Grid;
 
 use crate::MidsagittalPlane;
 use crate::block::Block;
 use crate::candidates::HeadDoubts;
-use crate::candidates::{Candidate, Choice, Scores, candidates};
-use crate::detail::{Band, detail};
-use crate::gradient::{Slope, Weighted, weighted_gradient};
+use crate::candidates::{Candidate, Scores, candidates};
+use crate::detail::detail;
+use crate::gradient::weighted_gradient;
 use crate::head::Head;
 use crate::junction::junction_density;
-use crate::mirror::{Widths, differences, intensity_differences};
+use crate::mirror::{differences, intensity_differences};
 use crate::regions::{Division, NoDivision, RegionDoubt, Regions, regions};
 use crate::robust::Robust;
 use crate::sharpness::{Sharpness, sharpness};
@@ -19,7 +19,7 @@ use crate::stored::{MapKind, StoredMap};
 use crate::thickness::Thickness;
 use crate::tissue::{TissueScale, tissue_of};
 use crate::undefined::MapsUndefined;
-use crate::width::{EdgeFilters, WidthTable};
+use crate::width::{WidthTable, width_table};
 
 /// The least spread of sharpness, per mm, and of intensity, in tissue scale. A smaller spread is rounding, not anatomy.
 ///
@@ -30,55 +30,8 @@ const LEAST_DETAIL_SPREAD: f32 = 0.01;
 /// The same for the weighted mean of robust deviations, of which real heads have about 1.
 const LEAST_MEAN_SPREAD: f32 = 0.5;
 
-/// Widths of all filters. The standard ones belong to [`crate::MAP_FORMAT`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MapParameters {
-    /// The Gaussian for the derivatives, in mm; at least 0.6 of the largest voxel edge.
-    pub gradient_mm: f64,
-    /// The greatest distance from the middle between grey and white at which a voxel counts, in tissue scale.
-    pub half_width: f32,
-    /// The Gaussian that averages sharpness, in mm.
-    pub window_mm: f64,
-    /// The Gaussians between which intensities are detail, in mm.
-    pub detail_mm: [f64; 2],
-    /// The Gaussian that averages detail, in mm.
-    pub detail_window_mm: f64,
-    /// The share of detail in `blur`, 0 to 1; the rest is sharpness.
-    pub detail_share: f32,
-    /// The Gaussian of the surroundings, in mm.
-    pub ring_mm: f64,
-    /// The Gaussian that smooths the mirrored side, in mm.
-    pub mirrored_mm: f64,
-    /// The Gaussian that smooths intensities on both sides, in mm.
-    pub intensity_mm: f64,
-    /// The Gaussian that smooths `blur` before candidates are chosen, in mm.
-    pub candidate_mm: f64,
-    /// The least distance between two candidates, in mm.
-    pub apart_mm: f64,
-    /// The greatest number of candidates.
-    pub candidate_limit: usize,
-    /// A doubt about the regions of the brain that is known before, from its mask.
-    pub doubt: Option<RegionDoubt>,
-}
-
-impl MapParameters {
-    /// The standard parameters, for the maps of every case.
-    pub const STANDARD: Self = Self {
-        gradient_mm: 0.65,
-        half_width: 0.5,
-        window_mm: 2.5,
-        detail_mm: [0.5, 1.2],
-        detail_window_mm: 2.0,
-        detail_share: 0.7,
-        ring_mm: 8.0,
-        mirrored_mm: 3.0,
-        intensity_mm: 4.0,
-        candidate_mm: 2.0,
-        apart_mm: 10.0,
-        candidate_limit: 60,
-        doubt: None,
-    };
-}
+/// The share of detail in `blur`, 0 to 1; the rest is sharpness.
+const DETAIL_SHARE: f32 = 0.7;
 
 /// The maps of a head, with candidates and tissue parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,13 +79,15 @@ impl Maps {
 /// doubt. The maps depend on this head alone. They are on the block of its native grid that contains the brain; lengths are in
 /// mm.
 ///
+/// `doubt` is one about the regions of the brain that is known before, from its mask.
+///
 /// # Errors
 /// If the voxels, the contrast or the envelope are unsuitable.
-pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
+pub fn maps(head: Head<'_>, doubt: Option<RegionDoubt>) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
     let doubts = HeadDoubts::of(head, &block, &tissue)?;
-    let regions = regions(head, &block, &values, parameters.doubt);
-    let maps = maps_of(head, (block, values, tissue), regions, parameters);
+    let regions = regions(head, &block, &values, doubt);
+    let maps = maps_of(head, (block, values, tissue), regions);
     Ok(Maps { doubts, ..maps })
 }
 
@@ -142,13 +97,13 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
 /// As [`maps`]; the parts have their own reason.
 pub fn maps_and_division(
     head: Head<'_>,
-    parameters: &MapParameters,
+    doubt: Option<RegionDoubt>,
 ) -> Result<(Maps, Result<Division, NoDivision>), MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
     let doubts = HeadDoubts::of(head, &block, &tissue)?;
-    let regions = regions(head, &block, &values, parameters.doubt);
+    let regions = regions(head, &block, &values, doubt);
     let division = Division::of(head, (&block, &values), &regions);
-    let maps = maps_of(head, (block, values, tissue), regions, parameters);
+    let maps = maps_of(head, (block, values, tissue), regions);
     Ok((Maps { doubts, ..maps }, division))
 }
 
@@ -156,7 +111,6 @@ fn maps_of(
     head: Head<'_>,
     (block, values, tissue): (Block, Vec<f32>, TissueScale),
     regions: Regions,
-    parameters: &MapParameters,
 ) -> Maps {
     let store = |kind, voxels: &[u32], values: &[f32]| {
         let values = voxels.iter().map(|&voxel| values[voxel as usize]);
@@ -166,11 +120,10 @@ fn maps_of(
     let junction_density = junction_density(&block, &values, &tissue);
     let junction_map = store(MapKind::Junction, &deep, &junction_density);
     drop(junction_density);
-    let mut intensities =
-        intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
-    let weighted = parameters.weighted(&block, &values, &tissue);
+    let mut intensities = intensity_differences(&block, &values, &deep, head.plane);
+    let weighted = weighted_gradient(&block, &values, tissue.noise);
     let thickness = Thickness::new(&block, (&values, tissue.fluid), &weighted);
-    let mut sharpness = sharpness(&block, weighted, parameters.window_mm);
+    let mut sharpness = sharpness(&block, weighted);
     let whole_junction = sharpness.count_only(&regions);
     let sharpness_map = store(MapKind::Sharpness, &sharpness.defined, &sharpness.values);
     let junction = places_among(&sharpness.junction, &deep);
@@ -179,7 +132,7 @@ fn maps_of(
         StoredMap::new(MapKind::IntensityAsymmetry, &block.grid, &deep, intensities);
     drop((deep, junction));
 
-    let detail = parameters.detail(&block, &values, &sharpness, &tissue);
+    let detail = detail(&block, &values, &sharpness.density, tissue.noise);
     let depth_bands = depth_bands(head, &block, &values, &regions);
     drop(values);
     let measures = Measures {
@@ -189,22 +142,19 @@ fn maps_of(
     let Comparison {
         mut blur,
         asymmetry,
-    } = compare(&block, measures, head.plane, parameters);
+    } = compare(&block, measures, head.plane);
     let defined = &sharpness.defined;
     let asymmetry_map = StoredMap::new(MapKind::Asymmetry, &block.grid, defined, asymmetry);
-    let smoothed_mm = parameters.candidate_mm;
-    let scores = Scores::smoothed(&block, &whole_junction, &mut blur, smoothed_mm);
+    let scores = Scores::smoothed(&block, &whole_junction, &mut blur);
     let blur_map = store(MapKind::Blur, defined, &blur);
     drop(blur);
-    let choice = parameters.choice();
-    let of_blur = candidates(&block, &scores, head, &regions, choice, MapKind::Blur);
-    let [blurred, elsewhere] = of_blur;
+    let [blurred, elsewhere] = candidates(&block, &scores, head, &regions, MapKind::Blur);
     drop(scores);
     let mut thick = compared_thickness(&block, &thickness, &sharpness, head.plane);
     drop(thickness);
-    let scores = Scores::smoothed(&block, &whole_junction, &mut thick, smoothed_mm);
+    let scores = Scores::smoothed(&block, &whole_junction, &mut thick);
     let thickness_map = store(MapKind::Thickness, defined, &thick);
-    let thick = candidates(&block, &scores, head, &regions, choice, MapKind::Thickness);
+    let thick = candidates(&block, &scores, head, &regions, MapKind::Thickness);
     Maps {
         maps: vec![
             sharpness_map,
@@ -220,14 +170,14 @@ fn maps_of(
         regions,
         depth_bands,
         tissue,
-        widths: parameters.width_table(block.spacing_mm),
+        widths: width_table(block.spacing_mm),
         doubts: HeadDoubts::default(),
         grid: block.grid,
     }
 }
 
 /// The score for a thick cortex at each voxel of a block, NaN where it is undefined.
-fn compared_thickness(
+pub(crate) fn compared_thickness(
     block: &Block,
     thickness: &Thickness,
     sharpness: &Sharpness,
@@ -264,16 +214,11 @@ pub(crate) fn compare(
     block: &Block,
     measures: Measures<'_>,
     plane: &MidsagittalPlane,
-    parameters: &MapParameters,
 ) -> Comparison {
-    let widths = Widths {
-        ring_mm: parameters.ring_mm,
-        mirrored_mm: parameters.mirrored_mm,
-    };
     let Measures { sharpness, detail } = measures;
     let terms = Terms {
         spreads: [LEAST_SPREAD, LEAST_DETAIL_SPREAD],
-        second_share: parameters.detail_share,
+        second_share: DETAIL_SHARE,
     };
     let voxels = &sharpness.defined;
     let measured = [&sharpness.values[..], &detail];
@@ -281,7 +226,7 @@ pub(crate) fn compare(
         block,
         (voxels, &sharpness.junction),
         (measured, &sharpness.weights),
-        (plane, widths),
+        plane,
         terms,
     );
     let mut everywhere = vec![f32::NAN; block.voxel_count()];
@@ -310,11 +255,11 @@ pub(crate) fn lowered(
     block: &Block,
     (voxels, junction): (&[u32], &[u32]),
     measured: ([&[f32]; 2], &[f32]),
-    (plane, widths): (&MidsagittalPlane, Widths),
+    plane: &MidsagittalPlane,
     terms: Terms,
 ) -> [Vec<f32>; 2] {
     let junction = places_among(junction, voxels);
-    let [mut first, mut second] = differences(block, voxels, measured, plane, widths);
+    let [mut first, mut second] = differences(block, voxels, measured, plane);
     for (of_measure, least_spread) in [&mut first, &mut second].into_iter().zip(terms.spreads) {
         into_z(&mut of_measure.from_ring, &junction, least_spread);
         into_z(&mut of_measure.from_mirrored, &junction, least_spread);
@@ -355,76 +300,6 @@ fn into_z(values: &mut [f32], junction: &[u32], least_spread: f32) {
     let robust = Robust::of(at_junction, least_spread);
     for value in values {
         *value = robust.z(*value);
-    }
-}
-
-impl MapParameters {
-    pub(crate) fn choice(&self) -> Choice {
-        Choice {
-            apart_mm: self.apart_mm,
-            limit: self.candidate_limit,
-        }
-    }
-
-    pub(crate) fn sharpness(
-        &self,
-        block: &Block,
-        values: &[f32],
-        tissue: &TissueScale,
-    ) -> Sharpness {
-        sharpness(block, self.weighted(block, values, tissue), self.window_mm)
-    }
-
-    pub(crate) fn weighted(&self, block: &Block, values: &[f32], tissue: &TissueScale) -> Weighted {
-        weighted_gradient(block, values, self.slope(tissue))
-    }
-
-    pub(crate) fn detail(
-        &self,
-        block: &Block,
-        values: &[f32],
-        sharpness: &Sharpness,
-        tissue: &TissueScale,
-    ) -> Vec<f32> {
-        let [finest_mm, coarsest_mm] = self.detail_mm;
-        let band = Band {
-            finest_mm,
-            coarsest_mm,
-            window_mm: self.detail_window_mm,
-        };
-        detail(block, values, &sharpness.density, tissue.noise, band)
-    }
-
-    /// How suspicious of a thick cortex each voxel of a block is, in robust deviations over the junction that counts; NaN where
-    /// sharpness is undefined, or the other side has no junction.
-    #[cfg(test)]
-    pub(crate) fn thickening(
-        &self,
-        block: &Block,
-        values: &[f32],
-        (sharpness, tissue): (&Sharpness, &TissueScale),
-        plane: &MidsagittalPlane,
-    ) -> Vec<f32> {
-        let weighted = self.weighted(block, values, tissue);
-        let thickness = Thickness::new(block, (values, tissue.fluid), &weighted);
-        compared_thickness(block, &thickness, sharpness, plane)
-    }
-
-    pub(crate) fn slope(&self, tissue: &TissueScale) -> Slope {
-        Slope {
-            sigma_mm: self.gradient_mm,
-            half_width: self.half_width,
-            noise: tissue.noise,
-        }
-    }
-
-    /// From sharpness to the width of a junction, for voxels of these edges.
-    pub fn width_table(&self, spacing_mm: [f64; 3]) -> WidthTable {
-        WidthTable::new(EdgeFilters {
-            gradient_mm: Slope::sigma_for(self.gradient_mm, spacing_mm),
-            half_width: self.half_width,
-            window_mm: self.window_mm,
-        })
     }
 }
 

@@ -9,6 +9,12 @@ use crate::coarse::{Coarse, Pair, Sums};
 
 /// The cell size for the sums of surroundings, in mm.
 const STEP_MM: f64 = 2.0;
+/// The Gaussian of the surroundings, in mm.
+const RING_MM: f64 = 8.0;
+/// The Gaussian that smooths the mirrored side, in mm.
+const MIRRORED_MM: f64 = 3.0;
+/// The Gaussian that smooths intensities on both sides, in mm.
+const INTENSITY_MM: f64 = 4.0;
 /// The least weight for a mirrored value.
 pub(crate) const LEAST_MIRRORED: f32 = 0.02;
 /// The least weight for surroundings; a defined voxel always has it.
@@ -27,13 +33,6 @@ pub(crate) struct Differences {
     pub(crate) from_mirrored: Vec<f32>,
 }
 
-/// Widths of the Gaussians of surroundings and of the mirrored side, in mm.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Widths {
-    pub(crate) ring_mm: f64,
-    pub(crate) mirrored_mm: f64,
-}
-
 /// Compares two measures of the junction with their surroundings and with the other side, at the voxels at which they
 /// are defined (ascending); elsewhere, the first is NaN. Only the mirrored side is smoothed.
 pub(crate) fn differences(
@@ -41,7 +40,6 @@ pub(crate) fn differences(
     voxels: &[u32],
     (measures, weights): ([&[f32]; 2], &[f32]),
     plane: &MidsagittalPlane,
-    widths: Widths,
 ) -> [Differences; 2] {
     let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
     let [first, second] = measures;
@@ -53,8 +51,8 @@ pub(crate) fn differences(
             [first[index] * weight, second[index] * weight, weight]
         }
     });
-    let around = coarse.smoothed(&means, widths.ring_mm);
-    let mirrored = coarse.smoothed(&means, widths.mirrored_mm);
+    let around = coarse.smoothed(&means, RING_MM);
+    let mirrored = coarse.smoothed(&means, MIRRORED_MM);
     drop(means);
     let less = |own: f32, sum: f32, weight: f32, least: f32| {
         if weight > least {
@@ -81,13 +79,12 @@ pub(crate) fn differences(
     differences
 }
 
-/// The tissue scale minus its mirrored value, both smoothed by a Gaussian of `width_mm`, at some voxels (ascending).
+/// The tissue scale minus its mirrored value, both smoothed, at some voxels (ascending).
 pub(crate) fn intensity_differences(
     block: &Block,
     values: &[f32],
     voxels: &[u32],
     plane: &MidsagittalPlane,
-    width_mm: f64,
 ) -> Vec<f32> {
     let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
     let [least, most] = INTENSITY_RANGE;
@@ -99,7 +96,7 @@ pub(crate) fn intensity_differences(
             [0.0; 2]
         }
     });
-    let smoothed = coarse.smoothed(&means, width_mm);
+    let smoothed = coarse.smoothed(&means, INTENSITY_MM);
     let mean = |[sum, weight]: Pair| {
         if weight > LEAST_INSIDE {
             sum / weight

@@ -5,9 +5,7 @@ use std::sync::LazyLock;
 use geometry::{BrainMask, DepthField, Grid, Mask, Rescale, Volume, distance_map, envelope};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use crate::{
-    Head, MapParameters, Maps, MapsUndefined, MidsagittalPlane, StoredMap, maps, midsagittal_plane,
-};
+use crate::{Head, Maps, MapsUndefined, MidsagittalPlane, StoredMap, maps, midsagittal_plane};
 
 /// Half-axes of the brain, in mm.
 const OUTLINE_MM: DVec3 = DVec3::new(48.0, 58.0, 44.0);
@@ -196,7 +194,7 @@ impl Scan {
     }
 
     pub fn maps(&self) -> Result<Maps, MapsUndefined> {
-        maps(self.head(), &MapParameters::STANDARD)
+        maps(self.head(), None)
     }
 
     pub fn head(&self) -> Head<'_> {

@@ -5,6 +5,8 @@ use crate::convolve::{Kernel, smooth_within};
 use crate::gradient::Weighted;
 use crate::regions::{Region, Regions};
 
+/// The Gaussian that averages sharpness, in mm.
+pub(crate) const WINDOW_MM: f64 = 2.5;
 /// The least weight around a voxel for its sharpness to be defined.
 const LEAST_WEIGHT: f32 = 0.02;
 /// The least weight of a voxel of the junction itself.
@@ -42,13 +44,13 @@ impl Sharpness {
     }
 }
 
-/// The mean gradient around each voxel, weighted by nearness to the junction and by a Gaussian of `window_mm`.
-pub(crate) fn sharpness(block: &Block, weighted: Weighted, window_mm: f64) -> Sharpness {
+/// The mean gradient around each voxel, weighted by nearness to the junction and by a Gaussian.
+pub(crate) fn sharpness(block: &Block, weighted: Weighted) -> Sharpness {
     let Weighted {
         weights,
         gradients: mut values,
     } = weighted;
-    let kernels = block.in_voxels(window_mm).map(Kernel::gaussian);
+    let kernels = block.in_voxels(WINDOW_MM).map(Kernel::gaussian);
     let deep = block.spans(Zone::Deep);
     let mut density = weights.clone();
     let is_junction = |weight: &f32| f32::from(u8::from(*weight > JUNCTION_FROM));

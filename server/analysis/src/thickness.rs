@@ -141,11 +141,14 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::Head;
     use crate::candidates::Scores;
+    use crate::gradient::weighted_gradient;
+    use crate::maps::compared_thickness;
     use crate::phantom::{Scan, white_noise};
     use crate::regions::phantom::{BrainPhantom, grid};
+    use crate::sharpness::sharpness;
     use crate::tissue::tissue_of;
-    use crate::{Head, MapParameters};
 
     #[test]
     fn half_fluid_and_half_white_are_half_grey() {
@@ -189,12 +192,12 @@ mod tests {
 
     /// The scores at the junction, with their positions.
     fn scores(head: Head<'_>) -> Vec<(DVec3, f32)> {
-        let parameters = MapParameters::STANDARD;
         let (block, values, tissue) = tissue_of(head).unwrap();
-        let sharpness = parameters.sharpness(&block, &values, &tissue);
-        let mut map = parameters.thickening(&block, &values, (&sharpness, &tissue), head.plane);
-        let smoothed_mm = parameters.candidate_mm;
-        let scores = Scores::smoothed(&block, &sharpness.junction, &mut map, smoothed_mm);
+        let weighted = weighted_gradient(&block, &values, tissue.noise);
+        let thickness = Thickness::new(&block, (&values, tissue.fluid), &weighted);
+        let sharpness = sharpness(&block, weighted);
+        let mut map = compared_thickness(&block, &thickness, &sharpness, head.plane);
+        let scores = Scores::smoothed(&block, &sharpness.junction, &mut map);
         let position = |voxel: u32| {
             let voxel = block.grid.voxel(voxel as usize).map(|along| along as f64);
             let voxel = DVec3::from_array(voxel);

@@ -15,6 +15,7 @@ mod parameters;
 mod progress;
 mod public_error;
 mod quality;
+mod registration;
 pub mod series;
 mod side;
 mod surface;
@@ -43,6 +44,7 @@ pub use public_error::{ErrorKind, INTERNAL, PublicError};
 pub use quality::{
     AXES_CORRECTED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
 };
+pub use registration::{CaseRegistration, RegistrationVerdict};
 pub use side::PatientSide;
 pub use surface::SurfaceName;
 

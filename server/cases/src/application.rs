@@ -274,10 +274,10 @@ impl Cases {
     /// As [`Cases::ready`], and [`Error::NoSurfaces`].
     pub async fn surface(&self, id: &CaseId, surface: SurfaceName) -> Result<WarmModel, Error> {
         self.ready(id).await?;
-        if let Some(model) = self.models.get(id, surface).await? {
-            return Ok(model);
+        match self.models.get(id, surface).await {
+            Err(Error::NoSuchCase) => Err(self.gone(id).await),
+            loaded => loaded,
         }
-        Err(self.gone(id).await)
     }
 
     /// The models of the surfaces that a picture of a ready case shows.

@@ -7,12 +7,9 @@ use case::{
     CaseState, Closed, ErrorKind, Failure, INTERNAL, MAX_LAYERS, PublicError, SOURCE_MISSING,
 };
 use geometry::GeometryError;
-use pipeline::maps::NoMaps;
-use pipeline::surfaces::NoSurfaces;
+use pipeline::Undefined;
 use render::RenderError;
 use storage::{FAILED_DISK, FULL_STORE, ObjectError, STORE_AWAY, StoreError};
-
-use crate::models::{ModelError, PathsError};
 
 /// An error of the application. The sentences may be shown to clients, except for [`Error::Store`].
 #[derive(Debug, thiserror::Error)]
@@ -38,10 +35,10 @@ pub enum Error {
     LayerNameTaken,
     /// The case has no maps.
     #[error(transparent)]
-    MapsUndefined(NoMaps),
+    MapsUndefined(Undefined),
     /// The case has only the surface of the whole brain.
-    #[error(transparent)]
-    NoSurfaces(NoSurfaces),
+    #[error("only the whole brain has a surface: {0}")]
+    NoSurfaces(Undefined),
     /// The input cannot be used, as found now or during its preparation.
     #[error(transparent)]
     Failure(#[from] Failure),
@@ -230,25 +227,6 @@ impl From<worker::Error> for Error {
             worker::Error::Failure(failure) => Self::Failure(failure),
             worker::Error::Interrupted => Self::Unavailable,
             worker::Error::NotRun => Self::Internal,
-        }
-    }
-}
-
-impl From<ModelError> for Error {
-    fn from(error: ModelError) -> Self {
-        match error {
-            ModelError::NoSurfaces(reason) => Self::NoSurfaces(reason),
-            ModelError::Store(error) => error.into(),
-        }
-    }
-}
-
-impl From<PathsError> for Error {
-    fn from(error: PathsError) -> Self {
-        match error {
-            PathsError::Deleted => Self::NoSuchCase,
-            PathsError::Store(error) => error.into(),
-            PathsError::Geometry(error) => error.into(),
         }
     }
 }

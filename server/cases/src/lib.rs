@@ -19,7 +19,7 @@ mod patient;
 pub mod pictures;
 pub mod profile;
 pub mod ready;
-pub mod registration;
+mod registration;
 mod removal;
 pub mod report;
 pub mod runner;

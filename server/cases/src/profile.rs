@@ -5,8 +5,9 @@ use std::sync::Arc;
 use case::{CaseFacts, Gyrus, Lobe, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
+use pipeline::Undefined;
 use pipeline::atlas::Gyri;
-use pipeline::maps::{JunctionWidth, NoMaps, mirror_plane, side_at, width_table};
+use pipeline::maps::{JunctionWidth, mirror_plane, side_at, width_table};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -155,7 +156,7 @@ pub struct ProfileSample {
 /// [`Error::Parameter`] if the point is outside the envelope.
 pub fn profile(
     [warm, opposite]: [&WarmModel; 2],
-    maps: Result<&LoadedMaps, NoMaps>,
+    maps: Result<&LoadedMaps, Undefined>,
     layers: &[SampledLayer],
     gyri: Option<&Gyri>,
     position_in_patient: DVec3,

@@ -13,8 +13,8 @@ use case::findings::Finding;
 use case::{CandidateFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
 use imaging::dicom::Attributes;
+use pipeline::Undefined;
 use pipeline::atlas::Gyri;
-use pipeline::maps::NoMaps;
 
 use crate::gyri::named;
 use crate::library::{LoadedMaps, MapsState};
@@ -130,7 +130,7 @@ impl Cases {
     async fn numbers(
         &self,
         id: &CaseId,
-        maps: &Result<Arc<LoadedMaps>, NoMaps>,
+        maps: &Result<Arc<LoadedMaps>, Undefined>,
         layers: &[SampledLayer],
         finding: &Finding,
     ) -> Result<Option<Numbers>, Error> {
@@ -182,7 +182,7 @@ fn listed(maps: &LoadedMaps, map: MapName, places: Vec<CandidateFacts>) -> Liste
     }
 }
 
-fn reason_of(reason: &NoMaps) -> Reason {
+fn reason_of(reason: &Undefined) -> Reason {
     Reason {
         code: reason.code.to_string(),
         sentence: reason.sentence.to_string(),
@@ -204,7 +204,7 @@ fn values_at(profile: &PointProfile) -> Values {
 ///
 /// # Errors
 /// [`Error::LayerNotReady`].
-fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, NoMaps>, Error> {
+fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, Undefined>, Error> {
     match state.found() {
         Ok(maps) => Ok(Ok(maps)),
         Err(Error::MapsUndefined(reason)) => Ok(Err(reason)),

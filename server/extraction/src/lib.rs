@@ -25,7 +25,6 @@ pub use methods::{CLOSING_RADIUS_MM, Extraction, Method, closed, predict, prune}
 pub use network::{Network, Prediction};
 pub use observe::Observe;
 pub use probability::Probability;
-pub use pruning::{PruningParameters, prune_with};
 pub use quality::{Because, Masked, Opinion, Origin, Quality, Shape, rate};
 pub use rating::{Rating, Reason};
 pub use rim::Rim;

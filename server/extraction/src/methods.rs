@@ -3,7 +3,7 @@
 use geometry::{BrainCuts, BrainMask, DistanceMap, Mask, Volume, cut_envelope, distance_map};
 
 use crate::observe::go_on;
-use crate::pruning::{PruningParameters, prune_with};
+use crate::pruning::tree_pruned;
 use crate::quality::{Because, Masked, Origin, Quality, rate};
 use crate::{ExtractionError, Network, Observe};
 
@@ -71,9 +71,7 @@ pub(crate) fn pruned(
     because: Because,
     observe: Observe<'_>,
 ) -> Result<Extraction, ExtractionError> {
-    let pruned = prune_with(volume, &PruningParameters::STANDARD, &|done| {
-        observe(0.9 * done)
-    })?;
+    let pruned = tree_pruned(volume, &|done| observe(0.9 * done))?;
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
     let origin = Origin::Pruned(because);

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
+use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume, as_position};
 use glam::{DAffine3, DVec3};
 
 use crate::flatness::flatness;
@@ -617,18 +617,6 @@ fn reason_of_contrast(contrast: Option<f64>, least: f64) -> Option<Reason> {
     }
 }
 
-/// The voxel that contains a position in voxel coordinates.
-fn nearest_voxel(grid: &Grid, position: DVec3) -> Option<usize> {
-    let place = position.round();
-    let last = as_position(grid.size().map(|side| side - 1));
-    let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmple(last).all();
-    is_inside.then(|| grid.index(place.to_array().map(|along| along as usize)))
-}
-
-fn as_position(voxel: [usize; 3]) -> DVec3 {
-    DVec3::from_array(voxel.map(|place| place as f64))
-}
-
 /// How many different values a volume has in a mask on its own grid, as that of a skull-stripped volume is.
 fn distinct_values(Masked { mask, volume, .. }: Masked<'_>) -> usize {
     let mut occurs = vec![false; 1 << 16];
@@ -710,7 +698,7 @@ fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
             continue;
         }
         let position = native_from_working.transform_point3(as_position(grid.voxel(index)));
-        let Some(native) = nearest_voxel(volume.grid(), position) else {
+        let Some(native) = volume.grid().nearest(position) else {
             continue;
         };
         let intensity = volume.intensity(f32::from(volume.voxels()[native]));

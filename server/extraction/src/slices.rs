@@ -139,16 +139,11 @@ fn block_means(
 }
 
 fn is_deep(brain: &DistanceMap, position_in_voxel: DVec3) -> bool {
-    let nearest = position_in_voxel.round();
-    brain.grid().contains(nearest) && {
-        let index = brain
-            .grid()
-            .index(nearest.to_array().map(|place| place as usize));
-        brain.is_known(index)
-            && brain
-                .depth_mm(index)
-                .is_some_and(|depth_mm| depth_mm >= DEPTH_MM)
-    }
+    let nearest = brain.grid().nearest(position_in_voxel);
+    nearest.is_some_and(|index| {
+        let depth_mm = brain.depth_mm(index);
+        brain.is_known(index) && depth_mm.is_some_and(|depth_mm| depth_mm >= DEPTH_MM)
+    })
 }
 
 /// Relative to the mean, so that a slice that is brighter as a whole counts no more.

@@ -3,7 +3,7 @@
 //! The distance between the two envelopes counts. Without a network, or if the network is not certain of what it found, the
 //! contrast across the border of the mask does.
 
-use geometry::{BorderField, Cut, DistanceMap, Grid, Mask};
+use geometry::{BorderField, Cut, DistanceMap, Grid, Mask, as_position};
 use glam::{DAffine3, DVec3};
 
 use crate::ExtractionError;
@@ -379,8 +379,4 @@ fn is_whole(affine: DAffine3, size: [usize; 3]) -> bool {
         .iter()
         .all(|end| (*end - end.round()).abs().max_element() < SAME_PLACE);
     are_steps && are_centres
-}
-
-fn as_position(voxel: [usize; 3]) -> DVec3 {
-    DVec3::from_array(voxel.map(|place| place as f64))
 }

@@ -7,6 +7,7 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use crate::grid::as_position;
 use crate::runs::fill_holes;
 use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{BrainMask, Cut, GeometryError, Grid, Mask};
@@ -171,7 +172,7 @@ impl Plane {
             let [u, v] = [index % width, index / width].map(|place| place as f64 * self.pitch_mm);
             let position =
                 self.origin + self.across[0] * u + self.across[1] * v + inward * depth_mm;
-            is_marked(set, voxel_from_patient.transform_point3(position))
+            set.contains(voxel_from_patient.transform_point3(position))
         };
         (0..width * height).into_par_iter().map(at).collect()
     }
@@ -292,20 +293,6 @@ fn signed_distance([width, height]: [usize; 2], section: &[bool], farthest: u8) 
 fn bounds(section: &[bool], value: bool, bound: u8) -> Vec<u8> {
     let bound = |&is_set: &bool| if is_set == value { 0 } else { bound };
     section.iter().map(bound).collect()
-}
-
-fn is_marked(set: &Mask, place: DVec3) -> bool {
-    let place = place.round();
-    let last = as_position(set.grid().size().map(|side| side - 1));
-    let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmple(last).all();
-    is_inside
-        && set.voxels()[set
-            .grid()
-            .index(place.to_array().map(|along| along as usize))]
-}
-
-fn as_position(voxel: [usize; 3]) -> DVec3 {
-    DVec3::from_array(voxel.map(|place| place as f64))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use std::collections::BinaryHeap;
 use glam::Vec3;
 
 use crate::DistanceMap;
+use crate::grid::voxel_at;
 
 /// A pyramid of the greatest squared depths over blocks of voxels, to skip blocks that are too shallow.
 pub(crate) struct DepthPyramid<'a> {
@@ -29,8 +30,7 @@ impl Level {
         let size = self.size.map(|side| side.div_ceil(2));
         let mut greatest = vec![0; size.iter().product()];
         for (index, &value) in self.greatest.iter().enumerate() {
-            let [nx, ny, _] = self.size;
-            let [x, y, z] = [index % nx / 2, index / nx % ny / 2, index / (nx * ny) / 2];
+            let [x, y, z] = voxel_at(index, self.size).map(|place| place / 2);
             let block = &mut greatest[x + size[0] * (y + size[1] * z)];
             *block = (*block).max(value);
         }

@@ -1,5 +1,6 @@
 //! The part of an envelope whose depth is unknown because a fence is as near as the dura.
 
+use crate::grid::voxel_at;
 use crate::transform::transformed;
 
 /// The voxels whose nearest border voxel belongs to a fence, in their bounding box.
@@ -25,11 +26,7 @@ impl Fenced {
         let [nx, ny, nz] = size;
         let mut bounds = vec![bound; squared.len()];
         for &index in fence {
-            let [x, y, z] = [
-                index as usize % nx,
-                index as usize / nx % ny,
-                index as usize / (nx * ny),
-            ];
+            let [x, y, z] = voxel_at(index as usize, size);
             bounds[x + nx * (z + nz * y)] = 0;
         }
         // The axes of the bounds are x, z, y, and x, y, z again after this.
@@ -38,11 +35,7 @@ impl Fenced {
         let [first, last] = bounds_of(size, is_fenced)?;
         let size = [0, 1, 2].map(|axis| last[axis] + 1 - first[axis]);
         let voxel = |index: usize| {
-            let [x, y, z] = [
-                index % size[0],
-                index / size[0] % size[1],
-                index / (size[0] * size[1]),
-            ];
+            let [x, y, z] = voxel_at(index, size);
             is_fenced(first[0] + x + nx * (first[1] + y + ny * (first[2] + z)))
         };
         Some(Self {
@@ -97,11 +90,11 @@ impl Fenced {
 }
 
 /// First and last voxel of a set.
-fn bounds_of([nx, ny, nz]: [usize; 3], is_in: impl Fn(usize) -> bool) -> Option<[[usize; 3]; 2]> {
+fn bounds_of(size: [usize; 3], is_in: impl Fn(usize) -> bool) -> Option<[[usize; 3]; 2]> {
     let mut first = [usize::MAX; 3];
     let mut last = [0; 3];
-    for index in (0..nx * ny * nz).filter(|&index| is_in(index)) {
-        let voxel = [index % nx, index / nx % ny, index / (nx * ny)];
+    for index in (0..size.iter().product()).filter(|&index| is_in(index)) {
+        let voxel = voxel_at(index, size);
         for axis in 0..3 {
             first[axis] = first[axis].min(voxel[axis]);
             last[axis] = last[axis].max(voxel[axis]);

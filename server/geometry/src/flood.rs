@@ -1,5 +1,7 @@
 //! The image foresting transform with the greatest level of a path as its cost: a watershed.
 
+use crate::grid::voxel_at;
+
 /// Floods a grid from seeds along paths whose greatest level is least, over six neighbours; among paths of equal cost,
 /// the first one found. Returns the voxels in the order of reaching, the seeds first.
 ///
@@ -47,11 +49,8 @@ pub fn flood(
 /// The neighbours of a voxel that share a face with it, each with the number of its direction; opposite directions differ
 /// in the last bit.
 #[inline]
-pub fn face_neighbours(
-    [nx, ny, nz]: [usize; 3],
-    voxel: usize,
-) -> impl Iterator<Item = (u8, usize)> {
-    let [x, y, z] = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)];
+pub fn face_neighbours(size: [usize; 3], voxel: usize) -> impl Iterator<Item = (u8, usize)> {
+    let ([nx, ny, nz], [x, y, z]) = (size, voxel_at(voxel, size));
     let before = |is_there: bool, step: usize| is_there.then(|| voxel - step);
     let after = |is_there: bool, step: usize| is_there.then(|| voxel + step);
     let neighbours = [

@@ -6,6 +6,7 @@ use std::collections::BinaryHeap;
 use rayon::prelude::*;
 
 use crate::core_voxels::neighbour_offsets;
+use crate::grid::voxel_at;
 use crate::nearest_core::NearestCore;
 use crate::{Core, DistanceMap, Grid};
 
@@ -89,7 +90,7 @@ impl Forest {
     fn checked_step(&self, index: usize) -> Option<usize> {
         let [nx, ny, nz] = self.size;
         let code = usize::from(self.predecessor[index]);
-        let place = [index % nx, index / nx % ny, index / (nx * ny)];
+        let place = voxel_at(index, self.size);
         let step = [code % 3, code / 3 % 3, code / 9];
         let is_inside = |axis: usize, side: usize| (1..=side).contains(&(place[axis] + step[axis]));
         if code > 26 || !is_inside(0, nx) || !is_inside(1, ny) || !is_inside(2, nz) {

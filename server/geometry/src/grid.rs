@@ -149,8 +149,15 @@ impl Grid {
 
     /// The voxel at an index: the inverse of [`Grid::index`].
     pub fn voxel(&self, index: usize) -> [usize; 3] {
-        let [nx, ny, _] = self.size;
-        [index % nx, index / nx % ny, index / (nx * ny)]
+        voxel_at(index, self.size)
+    }
+
+    /// The index of the voxel whose centre is nearest to a position in voxel coordinates; `None` beyond the grid.
+    pub fn nearest(&self, position_in_voxel: DVec3) -> Option<usize> {
+        let place = position_in_voxel.round();
+        let last = as_position(self.size.map(|side| side - 1));
+        let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmple(last).all();
+        is_inside.then(|| self.index(place.to_array().map(|along| along as usize)))
     }
 
     /// Whether a position in voxel coordinates lies in a voxel: within half a voxel of a centre.
@@ -205,6 +212,17 @@ impl Grid {
         let tolerance = ALIGNMENT_TOLERANCE * x;
         (x - y).abs() <= tolerance && (x - z).abs() <= tolerance
     }
+}
+
+/// The voxel at an index in the x-fastest order of a grid of this size.
+#[inline]
+pub(crate) fn voxel_at(index: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
+    [index % nx, index / nx % ny, index / (nx * ny)]
+}
+
+/// The centre of a voxel, in voxel coordinates.
+pub fn as_position(voxel: [usize; 3]) -> DVec3 {
+    DVec3::from_array(voxel.map(|place| place as f64))
 }
 
 /// The bounding box of a block in another space, as its lowest and highest corner.

@@ -50,7 +50,7 @@ pub use error::GeometryError;
 pub use fenced::Fenced;
 pub use flood::{face_neighbours, flood};
 pub use forest::{Forest, forest};
-pub use grid::{AXIS_ORDERS, Grid, MAX_VOXELS, MAX_WORKING_SIZE, block_of};
+pub use grid::{AXIS_ORDERS, Grid, MAX_VOXELS, MAX_WORKING_SIZE, as_position, block_of};
 pub use mask::{BrainMask, Mask};
 pub use measures::Face;
 pub use model::{DeformableModel, DepthMaps};

@@ -3,7 +3,7 @@
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use crate::grid::{block_of, bounds_through};
+use crate::grid::{as_position, block_of, bounds_through};
 use crate::runs::{Connectivity, fill_holes, keep_component_with_most_of, keep_largest_component};
 use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 
@@ -43,6 +43,12 @@ impl Mask {
     /// Whether each voxel belongs to the set, x-fastest.
     pub fn voxels(&self) -> &[bool] {
         &self.voxels
+    }
+
+    /// Whether the voxel at a position in voxel coordinates belongs to the set; beyond the grid, none does.
+    pub fn contains(&self, position_in_voxel: DVec3) -> bool {
+        let nearest = self.grid.nearest(position_in_voxel);
+        nearest.is_some_and(|index| self.voxels[index])
     }
 
     /// Volume of the set, in millilitres.
@@ -103,12 +109,9 @@ impl Mask {
     /// How many voxels of the set have their centre in a voxel of another set, on any grid.
     pub fn count_within(&self, other: &Self) -> usize {
         let other_from_voxel = other.grid.voxel_from_patient() * self.grid.patient_from_voxel();
-        let size = other.grid.size();
         let is_within = |index: usize| {
             let centre = as_position(self.grid.voxel(index));
-            let place = other_from_voxel.transform_point3(centre).round().to_array();
-            let is_inside = (0..3).all(|axis| (0.0..size[axis] as f64).contains(&place[axis]));
-            is_inside && other.voxels[other.grid.index(place.map(|along| along as usize))]
+            other.contains(other_from_voxel.transform_point3(centre))
         };
         let marked = (0..self.voxels.len()).filter(|&index| self.voxels[index]);
         marked.filter(|&index| is_within(index)).count()
@@ -277,10 +280,6 @@ fn snapped_to_integers(affine: DAffine3) -> DAffine3 {
 /// The offsets from the first voxel of a cell to the others.
 fn corner_offset(corner: usize) -> [i64; 3] {
     [corner & 1, corner >> 1 & 1, corner >> 2].map(|place| place as i64)
-}
-
-fn as_position(voxel: [usize; 3]) -> DVec3 {
-    DVec3::from_array(voxel.map(|place| place as f64))
 }
 
 /// The voxels of the brain on the working grid: one component without holes.

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::Core;
+use crate::grid::voxel_at;
 
 /// The exact nearest core voxel of each voxel; among equals, the first one with the lowest x.
 pub(crate) struct NearestCore {
@@ -61,10 +62,6 @@ impl NearestCore {
     pub(crate) fn voxel(&self, index: usize) -> [usize; 3] {
         voxel_at(index, self.size)
     }
-}
-
-fn voxel_at(index: usize, [nx, ny, _]: [usize; 3]) -> [usize; 3] {
-    [index % nx, index / nx % ny, index / (nx * ny)]
 }
 
 /// The parabola of a core voxel on a row, and the first x at which it is the lowest.

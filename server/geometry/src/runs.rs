@@ -98,6 +98,15 @@ impl Components {
         let Run { start, end } = self.runs[run];
         mask[start as usize..end as usize].fill(value);
     }
+
+    /// Clears all components but one.
+    fn keep(&mut self, kept: Option<usize>, mask: &mut [bool]) {
+        for run in 0..self.runs.len() {
+            if Some(self.root(run as u32) as usize) != kept {
+                self.fill(run, mask, false);
+            }
+        }
+    }
 }
 
 /// The runs of `value`, and the number of the first run of each row (plus a final entry).
@@ -131,14 +140,8 @@ pub(crate) fn keep_largest_component(
 ) {
     let mut components = Components::find(size, mask, true, connectivity);
     let voxels = components.voxels();
-    let Some(largest) = (0..voxels.len()).rev().max_by_key(|&run| voxels[run]) else {
-        return;
-    };
-    for run in 0..components.runs.len() {
-        if components.root(run as u32) as usize != largest {
-            components.fill(run, mask, false);
-        }
-    }
+    let largest = (0..voxels.len()).rev().max_by_key(|&run| voxels[run]);
+    components.keep(largest, mask);
 }
 
 /// Keeps the component with the most voxels of another mask and clears the others; among equals, the first. If none
@@ -158,12 +161,7 @@ pub(crate) fn keep_component_with_most_of(
         held[root as usize] += voxels.iter().filter(|&&voxel| voxel).count();
     }
     let most = (0..held.len()).rev().max_by_key(|&run| held[run]);
-    let most = most.filter(|&run| held[run] > 0);
-    for run in 0..components.runs.len() {
-        if Some(components.root(run as u32) as usize) != most {
-            components.fill(run, mask, false);
-        }
-    }
+    components.keep(most.filter(|&run| held[run] > 0), mask);
 }
 
 /// The fraction of a mask in its largest component; 1 if the mask is empty.

@@ -104,18 +104,13 @@ impl Canvas {
 
     /// The voxel that holds a point, and its centre in the patient; `None` outside the block.
     fn holding(&self, at: DVec3) -> Option<(usize, DVec3)> {
-        let voxel = self.block.voxel_from_patient().transform_point3(at).round();
-        let size = self.block.size();
-        let is_in = |axis: usize| voxel[axis] >= 0.0 && voxel[axis] < size[axis] as f64;
-        (0..3).all(is_in).then(|| {
-            let index = self
-                .block
-                .index(voxel.to_array().map(|index| index as usize));
-            (
-                index,
-                self.block.patient_from_voxel().transform_point3(voxel),
-            )
-        })
+        let voxel = self.block.voxel_from_patient().transform_point3(at);
+        let index = self.block.nearest(voxel)?;
+        let centre = self
+            .block
+            .patient_from_voxel()
+            .transform_point3(voxel.round());
+        Some((index, centre))
     }
 
     /// Paints what is within a polygon, as thick as the brush.

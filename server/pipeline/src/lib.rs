@@ -22,6 +22,7 @@ pub mod surfaces;
 pub mod testing;
 #[cfg(test)]
 mod tests;
+mod undefined;
 mod voxels;
 
 use std::sync::Arc;
@@ -53,6 +54,7 @@ pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork, shipped};
 pub use self::head_limits::HeadLimits;
 pub use self::source::{Source, StoredBrain, keeping_form, read_volume};
+pub use self::undefined::Undefined;
 pub use imaging::Limits;
 
 #[derive(Debug)]

@@ -1,11 +1,8 @@
 //! The maps of a case: the sharpness of its junction of grey and white matter, computed once and stored as one object.
 
-use std::borrow::Cow;
-
 use analysis::{
-    Candidate, DepthBand, Division, Flair, FlairUndefined, Head, MapKind, MapParameters, Maps,
-    MapsUndefined, MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, StoredMap,
-    WidthTable,
+    Candidate, DepthBand, Division, Flair, Head, MapKind, Maps, MapsUndefined, MidsagittalPlane,
+    NoDivision, Region, RegionDoubt, Regions, StoredMap,
 };
 use case::{
     BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
@@ -13,14 +10,13 @@ use case::{
 };
 use geometry::{DepthField, Envelope, Grid, Volume};
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 
 pub use analysis::{
     HeadDoubts, Judgement, JunctionWidth, MAP_FORMAT, Scale, ScoreCaveat, ScoreLimits,
-    UNDEFINED as UNDEFINED_CODE,
+    UNDEFINED as UNDEFINED_CODE, width_table,
 };
 
-use crate::affine_of;
+use crate::{Undefined, affine_of};
 
 /// The maps of a case, or the map of a FLAIR among its layers.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,51 +37,21 @@ pub struct CaseMaps {
     pub doubts: HeadDoubts,
 }
 
-/// Why a case has no maps.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
-#[error("{sentence}")]
-pub struct NoMaps {
-    /// The stable name of the reason: `coarse-voxels`.
-    pub code: Cow<'static, str>,
-    /// The reason, for people.
-    pub sentence: Cow<'static, str>,
-}
-
-impl From<MapsUndefined> for NoMaps {
-    fn from(reason: MapsUndefined) -> Self {
-        Self {
-            code: reason.code().into(),
-            sentence: reason.to_string().into(),
-        }
-    }
-}
-
-impl From<FlairUndefined> for NoMaps {
-    fn from(reason: FlairUndefined) -> Self {
-        Self {
-            code: reason.code().into(),
-            sentence: reason.to_string().into(),
-        }
-    }
-}
-
-impl NoMaps {
-    /// The reason for no map of a FLAIR whose place must be checked by eye.
-    fn doubtful_place(placement: &PlacementFacts) -> Self {
-        let why = placement.reason.as_deref();
-        let why = why.unwrap_or("it was not compared with the volume of the case");
-        Self {
-            code: "flair-place-doubtful".into(),
-            sentence: format!(
-                "the place of the FLAIR is not certain, and its map needs one that is: {why}"
-            )
-            .into(),
-        }
+/// The reason for no map of a FLAIR whose place must be checked by eye.
+fn doubtful_place(placement: &PlacementFacts) -> Undefined {
+    let why = placement.reason.as_deref();
+    let why = why.unwrap_or("it was not compared with the volume of the case");
+    Undefined {
+        code: "flair-place-doubtful".into(),
+        sentence: format!(
+            "the place of the FLAIR is not certain, and its map needs one that is: {why}"
+        )
+        .into(),
     }
 }
 
 /// The maps of a case, or the reason why it has none.
-pub type MapsOrReason = Result<CaseMaps, NoMaps>;
+pub type MapsOrReason = Result<CaseMaps, Undefined>;
 
 impl CaseMaps {
     /// How many places of the cerebrum have an unusual score, in any map that lists places.
@@ -126,11 +92,6 @@ pub fn judgement(name: MapName, spacing_mm: [f64; 3], doubts: HeadDoubts) -> Jud
     Judgement::of(kind_of(name), spacing_mm, doubts)
 }
 
-/// Converts the sharpness of a junction to its width, for voxels with these edges.
-pub fn width_table(spacing_mm: [f64; 3]) -> WidthTable {
-    MapParameters::STANDARD.width_table(spacing_mm)
-}
-
 /// The plane at which a case is mirrored.
 ///
 /// # Panics
@@ -159,17 +120,14 @@ pub(crate) fn compute_maps_and_division(
     }
 }
 
-/// The parameters of the maps of a case, unless its mask is rated as failed.
-fn parameters_of(facts: &CaseFacts) -> Result<MapParameters, MapsUndefined> {
+/// What is doubtful about the regions of a case from its mask, unless that is rated as failed.
+fn doubt_of(facts: &CaseFacts) -> Result<Option<RegionDoubt>, MapsUndefined> {
     let quality = facts.quality.as_ref();
     if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
         return Err(MapsUndefined::FailedEnvelope);
     }
     let is_pruned = quality.is_some_and(|quality| quality.method == MaskMethod::TreePruning);
-    Ok(MapParameters {
-        doubt: is_pruned.then_some(RegionDoubt::PrunedMask),
-        ..MapParameters::STANDARD
-    })
+    Ok(is_pruned.then_some(RegionDoubt::PrunedMask))
 }
 
 /// Computes the map of a FLAIR of a case, whose stored voxels are `layer`; the reason if it is undefined.
@@ -180,17 +138,15 @@ pub fn compute_flair(
     layer: &Volume,
     placement: &PlacementFacts,
 ) -> MapsOrReason {
-    parameters_of(facts)?;
+    doubt_of(facts)?;
     if placement.quality != QualityState::Ok {
-        return Err(NoMaps::doubtful_place(placement));
+        return Err(doubtful_place(placement));
     }
     let flair = Flair {
         volume: layer,
         case_from_layer: affine_of(&placement.case_from_layer),
     };
-    let find = |head: Head<'_>, parameters: &MapParameters| {
-        Ok(analysis::flair_map(head, flair, parameters))
-    };
+    let find = |head: Head<'_>, doubt| Ok(analysis::flair_map(head, flair, doubt));
     let found = of_head(facts, envelope, volume, find)??;
     let [candidates, elsewhere] =
         (found.places.each_ref()).map(|places| facts_of(places, facts, envelope));
@@ -205,20 +161,20 @@ pub fn compute_flair(
     })
 }
 
-/// Computes something of the head of a case, with the parameters of its maps.
+/// Computes something of the head of a case, whose regions may be in doubt.
 fn of_head<T>(
     facts: &CaseFacts,
     envelope: &Envelope,
     volume: &Volume,
-    compute: impl FnOnce(Head<'_>, &MapParameters) -> Result<T, MapsUndefined>,
+    compute: impl FnOnce(Head<'_>, Option<RegionDoubt>) -> Result<T, MapsUndefined>,
 ) -> Result<T, MapsUndefined> {
-    let parameters = parameters_of(facts)?;
+    let doubt = doubt_of(facts)?;
     let head = Head {
         volume,
         depth: &DepthField::new(&geometry::distance_map(envelope)),
         plane: &mirror_plane(facts),
     };
-    compute(head, &parameters)
+    compute(head, doubt)
 }
 
 /// The parts of the brain of a case; the reason if it has none.
@@ -227,8 +183,7 @@ pub(crate) fn compute_division(
     envelope: &Envelope,
     volume: &Volume,
 ) -> Result<Division, NoDivision> {
-    let divide =
-        |head: Head<'_>, parameters: &MapParameters| Ok(Division::new(head, parameters.doubt));
+    let divide = |head: Head<'_>, doubt| Ok(Division::new(head, doubt));
     of_head(facts, envelope, volume, divide)?
 }
 

@@ -1,48 +1,18 @@
 //! The surfaces of parts of a brain: each hemisphere and the cerebrum closed on its own, computed once and stored as one object.
 
-use std::borrow::Cow;
-
 use analysis::{Division, NoDivision, SurfacePart};
 use case::{CaseFacts, Parameters, SphereFacts, SurfaceName};
 use geometry::{
     BrainMask, BuiltModel, ClosedBrain, DeformableModel, Envelope, GeometryError, Volume,
 };
-use serde::{Deserialize, Serialize};
 
+use crate::Undefined;
 use crate::brain::closing_radius_mm;
 use crate::cuts::cuts_of;
 use crate::maps::{MapsOrReason, compute_division, compute_maps_and_division};
 
 /// The version of the surfaces; part of the entity tags of everything that shows them.
 pub const SURFACES_FORMAT: u32 = 3;
-
-/// Why a case has no surfaces of parts.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
-#[error("only the whole brain has a surface: {sentence}")]
-pub struct NoSurfaces {
-    /// The stable name of the reason: `no-fissure`.
-    pub code: Cow<'static, str>,
-    /// The reason, for people.
-    pub sentence: Cow<'static, str>,
-}
-
-impl From<NoDivision> for NoSurfaces {
-    fn from(reason: NoDivision) -> Self {
-        Self {
-            code: reason.code().into(),
-            sentence: reason.to_string().into(),
-        }
-    }
-}
-
-impl From<GeometryError> for NoSurfaces {
-    fn from(error: GeometryError) -> Self {
-        Self {
-            code: "surface-geometry".into(),
-            sentence: error.to_string().into(),
-        }
-    }
-}
 
 /// The closed parts of a brain.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,7 +22,7 @@ pub struct Surfaces {
 }
 
 /// The surfaces of a case, or the reason why it has only that of the whole brain.
-pub type SurfacesOrReason = Result<Surfaces, NoSurfaces>;
+pub type SurfacesOrReason = Result<Surfaces, Undefined>;
 
 impl Surfaces {
     /// The closed part of a surface; `None` for the whole brain, which is an object of its own.

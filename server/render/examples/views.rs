@@ -33,7 +33,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             ..RenderParameters::new(window)
         };
         let request = RenderRequest::new(parameters)?;
-        sheet.put(&draw_trace(&Scene::from(&model), &request), 0, column);
+        let drawn = draw_trace(&Scene::from(&model), &request, &|| true);
+        sheet.put(&drawn.ok_or("it stays wanted")?, 0, column);
     }
     std::fs::write(&file, encode_png(&sheet.finish(), &[])?)?;
     println!("{file}");

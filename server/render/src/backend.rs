@@ -7,9 +7,9 @@ use geometry::{MeshSize, ShrunkMesh};
 
 use crate::choice::Renderer;
 use crate::gpu::{AdapterSummary, GpuJob, GpuPool, GpuSurface, GpuTicket, KeyedModel};
-use crate::mesh::{draw_mesh_while, mesh_hits};
-use crate::splat::{draw_splat_while, splat_hits};
-use crate::trace::{draw_trace_while, trace_hits};
+use crate::mesh::{draw_mesh, mesh_hits};
+use crate::splat::{draw_splat, splat_hits};
+use crate::trace::{draw_trace, trace_hits};
 use crate::{Facets, Hits, KeyedLayers, RenderError, RenderRequest, RenderedFrame, Scene, Wanted};
 
 /// One way to draw the isosurface {depth = D}.
@@ -137,9 +137,9 @@ impl RenderBackend {
         self.check(job)?;
         let (scene, request) = (job.scene(), &job.request);
         let frame = match self {
-            Self::Splat => draw_splat_while(&scene, request, is_wanted),
-            Self::Mesh => draw_mesh_while(&scene, request, job.facets()?, is_wanted),
-            Self::Trace => draw_trace_while(&scene, request, is_wanted),
+            Self::Splat => draw_splat(&scene, request, is_wanted),
+            Self::Mesh => draw_mesh(&scene, request, job.facets()?, is_wanted),
+            Self::Trace => draw_trace(&scene, request, is_wanted),
             Self::GpuMesh(pool) | Self::GpuTrace(pool) => {
                 return Ok(Some(pool.draw(self.gpu_job(job)?)?));
             }

@@ -63,7 +63,7 @@ pub use map::{
     Hemisphere, MAP_MARGIN, MAP_RADIUS_MM, MAP_RIM, MapDisc, MapFace, MapProjection, MapSides,
 };
 pub use map_marks::{DrawnMap, MapScale, annotate_map};
-pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
+pub use mesh::{Facets, draw_mesh, mesh_hits};
 pub use notice::{RESEARCH_USE_NOTICE, SHORT_NOTICE};
 pub use png::encode_png;
 pub use quality::draw_quality_sheet;
@@ -73,8 +73,8 @@ pub use slice::{
     MAX_CONTOURS, Oblique, SliceConvention, SliceParameters, SlicePlane, SliceRequest,
     draw_acquired_slice, draw_slice,
 };
-pub use splat::{draw_splat, draw_splat_while, splat_hits};
+pub use splat::{draw_splat, splat_hits};
 pub use state::{SOFTWARE, sheet_texts, slice_texts, state_texts};
 pub use surface::Wanted;
-pub use trace::{draw_trace, draw_trace_while, trace_hits};
+pub use trace::{draw_trace, trace_hits};
 pub use window::{Window, WindowFunction};

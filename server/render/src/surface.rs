@@ -27,13 +27,18 @@ pub(crate) trait Surface: Sync {
     fn silhouette(&self) -> Option<Silhouette<'_>>;
 }
 
-/// The picture of a surface.
+/// Whether a picture is still wanted. Called repeatedly while it is drawn, from any thread.
+pub type Wanted<'a> = dyn Fn() -> bool + Sync + 'a;
+
+/// The picture of a surface; `None` soon after it is no longer wanted.
 pub(crate) fn draw(
-    surface: &impl Surface,
+    surface: &dyn Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
     view: impl Into<View>,
-) -> Frame {
+    is_wanted: &Wanted<'_>,
+) -> Option<Frame> {
+    let surface = &WhileWanted { surface, is_wanted };
     let view = view.into();
     let shade = Shade::new(scene, view, request, voxel_mm(scene));
     let size = view.size();
@@ -58,18 +63,18 @@ pub(crate) fn draw(
         }
         None => for_each_row(surface, view.size(), with_inward, &mut bytes, finish),
     }
-    Frame::new(size, shade.format(), bytes)
+    is_wanted().then(|| Frame::new(size, shade.format(), bytes))
 }
 
 /// Draws a surface band by band, with soft edges.
-struct Softened<'a, S> {
-    surface: &'a S,
+struct Softened<'a> {
+    surface: &'a dyn Surface,
     silhouette: Silhouette<'a>,
     size: FrameSize,
     with_inward: bool,
 }
 
-impl<S: Surface> Softened<'_, S> {
+impl Softened<'_> {
     /// Calls `finish` with each row's number, points and pixels, on all threads.
     ///
     /// Where the edge lies in a row is known from the rows above and below: the last row of a band and the first of the next
@@ -143,29 +148,13 @@ fn in_turns<I: Send, R: Send>(
     }
 }
 
-/// Whether a picture is still wanted. Called repeatedly while it is drawn, from any thread.
-pub type Wanted<'a> = dyn Fn() -> bool + Sync + 'a;
-
-/// The picture of a surface; `None` soon after it is no longer wanted.
-pub(crate) fn draw_while(
-    surface: &impl Surface,
-    scene: &Scene<'_>,
-    request: &RenderRequest,
-    view: impl Into<View>,
-    is_wanted: &Wanted<'_>,
-) -> Option<Frame> {
-    let surface = WhileWanted { surface, is_wanted };
-    let frame = draw(&surface, scene, request, view);
-    is_wanted().then_some(frame)
-}
-
 /// A surface that shows nothing after it is no longer wanted.
-struct WhileWanted<'a, S> {
-    surface: &'a S,
+struct WhileWanted<'a> {
+    surface: &'a dyn Surface,
     is_wanted: &'a Wanted<'a>,
 }
 
-impl<S: Surface> Surface for WhileWanted<'_, S> {
+impl Surface for WhileWanted<'_> {
     fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
         if (self.is_wanted)() {
             self.surface.find_rows(first, rows);
@@ -179,7 +168,7 @@ impl<S: Surface> Surface for WhileWanted<'_, S> {
 
 /// What each pixel of a surface's picture shows.
 pub(crate) fn hits(
-    surface: &impl Surface,
+    surface: &dyn Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
     view: impl Into<View>,
@@ -221,7 +210,7 @@ pub(crate) fn voxel_mm(scene: &Scene<'_>) -> f64 {
 
 /// Calls `take` with each row's number, points and share of `out`, on all threads.
 fn for_each_row<T: Send>(
-    surface: &impl Surface,
+    surface: &dyn Surface,
     size: FrameSize,
     with_inward: bool,
     out: &mut [T],

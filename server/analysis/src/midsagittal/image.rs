@@ -190,14 +190,9 @@ impl Image {
 
 /// Whether the voxel of the working grid nearest to a position is in the envelope.
 fn is_inside(envelope: &Envelope, position_in_patient: DVec3) -> bool {
-    let grid = envelope.grid();
-    let nearest = grid
-        .voxel_from_patient()
-        .transform_point3(position_in_patient)
-        .round();
-    let is_on_grid = grid.contains(nearest);
-    is_on_grid
-        && envelope.mask().voxels()[grid.index(nearest.to_array().map(|place| place as usize))]
+    let voxel_from_patient = envelope.grid().voxel_from_patient();
+    let position_in_voxel = voxel_from_patient.transform_point3(position_in_patient);
+    envelope.mask().contains(position_in_voxel)
 }
 
 /// Maps intensities to values of 0 to 1, and NaN to 0.

@@ -103,19 +103,10 @@ impl Regions {
 
     /// The region of a position (LPS mm).
     pub fn at(&self, position_in_patient: DVec3) -> Option<Region> {
-        let voxel = self
-            .grid
-            .voxel_from_patient()
-            .transform_point3(position_in_patient)
-            .round();
-        let size = DVec3::from_array(self.grid.size().map(|side| side as f64));
-        let is_inside = voxel.cmpge(DVec3::ZERO).all() && voxel.cmplt(size).all();
-        let code = is_inside.then(|| {
-            self.codes[self
-                .grid
-                .index(voxel.to_array().map(|along| along as usize))]
-        })?;
-        Region::from_code(code)
+        let voxel_from_patient = self.grid.voxel_from_patient();
+        let position_in_voxel = voxel_from_patient.transform_point3(position_in_patient);
+        let index = self.grid.nearest(position_in_voxel)?;
+        Region::from_code(self.codes[index])
     }
 }
 

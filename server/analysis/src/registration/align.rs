@@ -1,6 +1,6 @@
 //! The place of a head in the space of an atlas, by an affine transform.
 
-use geometry::{Envelope, Mask, Volume};
+use geometry::{Envelope, Mask, Volume, as_position};
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::climb::{AFFINE, RIGID, climb};
@@ -220,20 +220,12 @@ pub fn shared_points(case: &Envelope, other: &Envelope, case_from_other: DAffine
     let voxel_from_other_voxel =
         case.grid().voxel_from_patient() * case_from_other * other.grid().patient_from_voxel();
     let lattice = |axis: usize| (0..other.grid().size()[axis]).step_by(LATTICE_VOXELS);
-    let is_inside = |mask: &Mask, voxel: DVec3| {
-        let nearest = voxel.round();
-        mask.grid().contains(nearest)
-            && mask.voxels()[mask
-                .grid()
-                .index(nearest.to_array().map(|along| along as usize))]
-    };
     let points =
         lattice(2).flat_map(|z| lattice(1).flat_map(move |y| lattice(0).map(move |x| [x, y, z])));
     points
-        .map(|place| DVec3::from_array(place.map(|along| along as f64)))
+        .map(as_position)
         .filter(|&place| {
-            is_inside(other, place)
-                && is_inside(case, voxel_from_other_voxel.transform_point3(place))
+            other.contains(place) && case.contains(voxel_from_other_voxel.transform_point3(place))
         })
         .count()
 }

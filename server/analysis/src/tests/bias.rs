@@ -59,7 +59,7 @@ fn a_speck_scores_lower_than_a_junction() {
         .collect();
     let mut map = vec![3.0; block.voxel_count()];
     map[speck] = 6.0;
-    let scores = Scores::smoothed(&block, &junction, &mut map, 2.0);
+    let scores = Scores::smoothed(&block, &junction, &mut map);
     let score = |voxel: usize| {
         let place = junction.binary_search(&(voxel as u32)).unwrap();
         scores.scores[place]

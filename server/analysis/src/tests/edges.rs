@@ -4,11 +4,10 @@ use geometry::Grid;
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::block::{Block, Zone};
-use crate::gradient::{Slope, weighted_gradient};
-use crate::maps::MapParameters;
+use crate::gradient::weighted_gradient;
 use crate::phantom::{rise, white_noise};
 use crate::sharpness::sharpness;
-use crate::width::{EdgeFilters, JunctionWidth, WidthTable};
+use crate::width::{JunctionWidth, WidthTable, width_table};
 
 const SIDE: usize = 33;
 const ORIENTATIONS: usize = 48;
@@ -61,14 +60,8 @@ fn sharpness_of(block: &Block, edge: Edge, direction: DVec3) -> f32 {
         (rise(across / edge.sigma_mm) + edge.noise * white_noise(index)) as f32
     };
     let values: Vec<f32> = (0..block.voxel_count()).map(value).collect();
-    let parameters = MapParameters::STANDARD;
-    let slope = Slope {
-        sigma_mm: parameters.gradient_mm,
-        half_width: parameters.half_width,
-        noise: edge.noise as f32,
-    };
-    let weighted = weighted_gradient(block, &values, slope);
-    let sharpness = sharpness(block, weighted, parameters.window_mm);
+    let weighted = weighted_gradient(block, &values, edge.noise as f32);
+    let sharpness = sharpness(block, weighted);
     let near = sharpness
         .junction
         .iter()
@@ -82,12 +75,7 @@ fn sharpness_of(block: &Block, edge: Edge, direction: DVec3) -> f32 {
 }
 
 fn table(block: &Block) -> WidthTable {
-    let parameters = MapParameters::STANDARD;
-    WidthTable::new(EdgeFilters {
-        gradient_mm: Slope::sigma_for(parameters.gradient_mm, block.spacing_mm),
-        half_width: parameters.half_width,
-        window_mm: parameters.window_mm,
-    })
+    width_table(block.spacing_mm)
 }
 
 #[test]

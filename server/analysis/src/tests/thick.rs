@@ -5,10 +5,10 @@ use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 use super::real::{data, read_mask, read_volume};
 use crate::block::Block;
 use crate::candidates::HeadDoubts;
+use crate::maps_and_division;
 use crate::phantom::{Phantom, Scan, plain_grid};
 use crate::slices::{LEAST_SHARE, USUAL_SHARE, least_detail};
 use crate::tissue::tissue_of;
-use crate::{MapParameters, maps_and_division};
 
 /// A volume as slices of so many voxels along an axis, averaged and interpolated linearly to what they were.
 fn interpolated(volume: &Volume, axis: usize, thickness: usize) -> Volume {
@@ -62,7 +62,7 @@ fn a_head_whose_slices_were_interpolated_or_repeated_has_no_maps() {
         let reason = refusal(&scan).expect("a refusal");
         assert_eq!(reason.code(), "interpolated-slices", "{reason}");
         assert_eq!(scan.maps(), Err(reason));
-        let both = maps_and_division(scan.head(), &MapParameters::STANDARD);
+        let both = maps_and_division(scan.head(), None);
         assert_eq!(both.err(), Some(reason));
     }
 }

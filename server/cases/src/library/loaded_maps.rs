@@ -6,7 +6,8 @@ use std::sync::Arc;
 use case::{CandidateFacts, JunctionBandFacts, LayerId, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
-use pipeline::maps::{CaseMaps, HeadDoubts, Judgement, NoMaps, judgement, map_unit};
+use pipeline::Undefined;
+use pipeline::maps::{CaseMaps, HeadDoubts, Judgement, judgement, map_unit};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 
 use crate::cache::CacheValue;
@@ -108,7 +109,7 @@ impl LoadedMaps {
 #[derive(Debug, Clone)]
 pub enum MapsState {
     Ready(Arc<LoadedMaps>),
-    Undefined(NoMaps),
+    Undefined(Undefined),
     /// They are being computed.
     Making,
     /// This server computes none.
@@ -125,13 +126,13 @@ pub struct FlairState {
 }
 
 /// The reason for no map of a FLAIR if all of them failed.
-pub(super) const FLAIR_NOT_PLACED: NoMaps = NoMaps {
+pub(super) const FLAIR_NOT_PLACED: Undefined = Undefined {
     code: Cow::Borrowed("flair-not-placed"),
     sentence: Cow::Borrowed("no FLAIR of this case could be placed in its head"),
 };
 
 /// The cached state of the maps of a case.
-pub(super) type Known = Result<Arc<LoadedMaps>, NoMaps>;
+pub(super) type Known = Result<Arc<LoadedMaps>, Undefined>;
 
 impl From<&Known> for MapsState {
     fn from(known: &Known) -> Self {

@@ -7,9 +7,9 @@ use bytes::Bytes;
 use case::{CaseFacts, CaseId, CaseState, JobKind, Layer, LayerId, ObjectKind, STORE_FAILED};
 use geometry::Volume;
 use pipeline::codec::{decode_brain, decode_maps, decode_volume, encode_maps, encode_surfaces};
-use pipeline::envelope_of;
-use pipeline::maps::{MapsOrReason, NoMaps, compute_flair};
+use pipeline::maps::{MapsOrReason, compute_flair};
 use pipeline::surfaces::{DividedCase, compute_maps_and_surfaces};
+use pipeline::{Undefined, envelope_of};
 use storage::tables::jobs;
 use storage::{NewJob, Owner, Publisher, StoreError, frame_all};
 
@@ -95,7 +95,7 @@ impl Library {
         // If only the store failed, they may be computed now.
         let failure = job.and_then(|job| job.failure);
         if let Some(failure) = failure.filter(|failure| failure.name != STORE_FAILED) {
-            return Ok(MapsState::Undefined(NoMaps {
+            return Ok(MapsState::Undefined(Undefined {
                 sentence: failure.detail.into(),
                 code: "maps-failed".into(),
             }));

@@ -6,11 +6,10 @@ use bytes::Bytes;
 use case::{CaseFacts, CaseId, ObjectKind, SurfaceName};
 use geometry::{DeformableModel, DistanceMap, Envelope, GeometryError};
 use pipeline::codec::{decode_brain, decode_surfaces, decode_volume, encode_surfaces};
-use pipeline::envelope_of;
 use pipeline::surfaces::{
-    DividedCase, NoSurfaces, SurfacesOrReason, compute_surfaces, surface_facts, surface_model,
-    with_cuts_of,
+    DividedCase, SurfacesOrReason, compute_surfaces, surface_facts, surface_model, with_cuts_of,
 };
+use pipeline::{Undefined, envelope_of};
 use storage::{Publisher, StoreError, frame_all};
 
 use super::Library;
@@ -28,7 +27,7 @@ impl Library {
         &self,
         id: &CaseId,
         name: SurfaceName,
-    ) -> Result<Option<Result<Envelope, NoSurfaces>>, StoreError> {
+    ) -> Result<Option<Result<Envelope, Undefined>>, StoreError> {
         let Some(surfaces) = self.surfaces(id).await? else {
             return Ok(None);
         };
@@ -49,7 +48,7 @@ impl Library {
         &self,
         id: &CaseId,
         name: SurfaceName,
-    ) -> Result<Option<Result<(DeformableModel, CaseFacts), NoSurfaces>>, StoreError> {
+    ) -> Result<Option<Result<(DeformableModel, CaseFacts), Undefined>>, StoreError> {
         let envelope = match self.surface_envelope(id, name).await? {
             None => return Ok(None),
             Some(Err(reason)) => return Ok(Some(Err(reason))),

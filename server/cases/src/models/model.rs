@@ -19,8 +19,8 @@ use render::{Hemisphere, Scene};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
-use super::ModelError;
 use crate::cache::{self, CacheValue};
+use crate::error::Error;
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
@@ -61,41 +61,29 @@ pub enum PathKind {
     Flow,
 }
 
-/// The reason why there is no table of paths.
-#[derive(Debug, thiserror::Error)]
-pub enum PathsError {
-    /// The case was deleted.
-    #[error("the case was deleted")]
-    Deleted,
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The mesh cannot be made.
-    #[error(transparent)]
-    Geometry(#[from] GeometryError),
-}
-
 impl LoadedModel {
-    /// Reads or builds the model of a surface of a ready case; `None` if there is no such case.
+    /// Reads or builds the model of a surface of a ready case.
     pub(super) async fn load(
         library: &Library,
         id: &CaseId,
         surface: SurfaceName,
-    ) -> Result<Option<Self>, ModelError> {
+    ) -> Result<Self, Error> {
         let loaded = match surface {
             SurfaceName::Whole => Self::load_whole(library, id).await?,
             part => {
                 let loaded = library.surface_model(id, part).await?;
-                loaded.transpose().map_err(ModelError::NoSurfaces)?
+                loaded.transpose().map_err(Error::NoSurfaces)?
             }
         };
-        Ok(loaded.map(|(model, facts)| Self {
+        let (model, facts) = loaded.ok_or(Error::NoSuchCase)?;
+        Ok(Self {
             model: Arc::new(model),
             facts,
             tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
             id: *id,
             surface,
             centres: OnceLock::new(),
-        }))
+        })
     }
 
     async fn load_whole(
@@ -191,11 +179,7 @@ impl WarmModel {
     ///
     /// # Errors
     /// If the mesh cannot be made, the store fails, or the case was deleted.
-    pub async fn paths(
-        &self,
-        size: MeshSize,
-        kind: PathKind,
-    ) -> Result<Arc<PathTable>, PathsError> {
+    pub async fn paths(&self, size: MeshSize, kind: PathKind) -> Result<Arc<PathTable>, Error> {
         if self.is_default(size, kind) {
             return Ok(self.loaded.model.default_paths().clone());
         }
@@ -222,11 +206,7 @@ impl WarmModel {
         kind == PathKind::Forest && size == DeformableModel::DEFAULT_MESH
     }
 
-    async fn make_paths(
-        &self,
-        size: MeshSize,
-        kind: PathKind,
-    ) -> Result<Arc<PathTable>, PathsError> {
+    async fn make_paths(&self, size: MeshSize, kind: PathKind) -> Result<Arc<PathTable>, Error> {
         let model = Arc::clone(&self.loaded.model);
         let make = move |walk: Walk| model.path_table(size, &walk.distance, walk.paths());
         self.walk(kind, make).await.map(Arc::new)
@@ -241,7 +221,7 @@ impl WarmModel {
         size: MeshSize,
         kind: PathKind,
         depth_mm: f32,
-    ) -> Result<ShrunkMesh, PathsError> {
+    ) -> Result<ShrunkMesh, Error> {
         if self.keeps_table_of(size) {
             return Ok(self.paths(size, kind).await?.shrink(depth_mm));
         }
@@ -262,9 +242,9 @@ impl WarmModel {
         &self,
         kind: PathKind,
         work: impl Fn(Walk) -> Result<T, GeometryError> + Send + Sync + 'static,
-    ) -> Result<T, PathsError> {
+    ) -> Result<T, Error> {
         if !self.loaded.surface.is_whole() {
-            let distance = self.distance().await?.ok_or(PathsError::Deleted)?;
+            let distance = self.distance().await?.ok_or(Error::NoSuchCase)?;
             let walk = move || work(Walk::through(distance, kind));
             return Ok(tokio::task::spawn_blocking(walk)
                 .await
@@ -280,7 +260,7 @@ impl WarmModel {
             .library
             .load(&self.loaded.id, kinds, decode_and_work)
             .await?;
-        Ok(done.ok_or(PathsError::Deleted)??)
+        Ok(done.ok_or(Error::NoSuchCase)??)
     }
 
     /// The distance map, computed from the stored envelope: about 20 ms for a head of 256³.

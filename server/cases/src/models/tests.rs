@@ -11,7 +11,7 @@ use pipeline::Pipeline;
 use pipeline::testing::{phantom, upload};
 use storage::testing::files_below;
 use storage::testing::postgres::PostgresServer;
-use storage::{DatabaseAddress, Location, Options, Store};
+use storage::{DatabaseAddress, Location, Options, Store, StoreError};
 
 use super::*;
 use crate::application::{REMEMBERED_FOR, REMEMBERED_WHILE_AWAY};
@@ -56,11 +56,7 @@ async fn ready_in(store: Store, directory: tempfile::TempDir) -> Ready {
 
 impl Ready {
     async fn model(&self) -> WarmModel {
-        self.models
-            .get(&self.id, SurfaceName::Whole)
-            .await
-            .unwrap()
-            .unwrap()
+        self.models.get(&self.id, SurfaceName::Whole).await.unwrap()
     }
 
     /// Models of the same store, none of which is in memory.
@@ -167,11 +163,7 @@ async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
     let expected = model.paths(size, PathKind::Forest).await.unwrap();
     ready.damage("forest");
     let other = ready.cold();
-    let model = other
-        .get(&ready.id, SurfaceName::Whole)
-        .await
-        .unwrap()
-        .unwrap();
+    let model = other.get(&ready.id, SurfaceName::Whole).await.unwrap();
     assert!(*model.paths(size, PathKind::Forest).await.unwrap() == *expected);
     assert_eq!(ready.library.store().signals().counters().rebuilds, 1);
 }
@@ -183,11 +175,7 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
     for (rebuilds, kind) in ["volume", "envelope", "paths"].into_iter().enumerate() {
         ready.damage(kind);
         let cold = ready.cold();
-        let model = cold
-            .get(&ready.id, SurfaceName::Whole)
-            .await
-            .unwrap()
-            .unwrap();
+        let model = cold.get(&ready.id, SurfaceName::Whole).await.unwrap();
         assert!(model.model() == first.model());
         assert_eq!(
             ready.library.store().signals().counters().rebuilds,
@@ -230,19 +218,13 @@ async fn a_deleted_case_has_no_model() {
     let ready = ready().await;
     let model = ready.model().await;
     ready.library.store().delete(&ready.id).await.unwrap();
-    assert!(
-        ready
-            .models
-            .get(&ready.id, SurfaceName::Whole)
-            .await
-            .unwrap()
-            .is_none()
-    );
+    let gone = ready.models.get(&ready.id, SurfaceName::Whole).await;
+    assert!(matches!(gone.map(drop), Err(Error::NoSuchCase)));
     assert_eq!(ready.library.cache().count(), 0);
     let size = MeshSize::new(10, 10).unwrap();
     assert!(matches!(
         model.paths(size, PathKind::Flow).await,
-        Err(PathsError::Deleted)
+        Err(Error::NoSuchCase)
     ));
 }
 
@@ -296,13 +278,8 @@ async fn a_queued_case_has_no_model_yet() {
         .await
         .unwrap();
     let models = Models::new(library);
-    assert!(
-        models
-            .get(&queued.case.id, SurfaceName::Whole)
-            .await
-            .unwrap()
-            .is_none()
-    );
+    let model = models.get(&queued.case.id, SurfaceName::Whole).await;
+    assert!(matches!(model.map(drop), Err(Error::NoSuchCase)));
 }
 
 #[tokio::test]
@@ -312,7 +289,7 @@ async fn the_budget_bounds_what_is_kept() {
     let tight = ready.within(bytes - 1);
     let models = Models::new(tight.clone());
     let model = models.get(&ready.id, SurfaceName::Whole).await;
-    assert!(model.unwrap().is_some());
+    assert!(model.is_ok());
     assert_eq!((tight.cache().count(), tight.cache().bytes()), (0, 0));
 }
 

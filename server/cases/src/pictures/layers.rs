@@ -5,7 +5,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use case::{CaseId, Layer, LayerFacts, LayerId, LayerKind, MapName};
-use pipeline::maps::{MAP_FORMAT, NoMaps};
+use pipeline::Undefined;
+use pipeline::maps::MAP_FORMAT;
 use render::{ColorMap, KeyedLayer, KeyedLayers, OverlayParameters, OverlayStyle, Window};
 use serde::{Deserialize, Serialize};
 
@@ -412,13 +413,13 @@ impl MapsState {
 }
 
 /// The reason for missing maps on a server that computes none.
-pub const MAPS_OFF: NoMaps = NoMaps {
+pub const MAPS_OFF: Undefined = Undefined {
     code: Cow::Borrowed("maps-off"),
     sentence: Cow::Borrowed("this server computes no maps, because `limits.maps` is off"),
 };
 
 /// The reason for a missing map of a FLAIR if no layer is one.
-pub const NO_FLAIR: NoMaps = NoMaps {
+pub const NO_FLAIR: Undefined = Undefined {
     code: Cow::Borrowed("no-flair"),
     sentence: Cow::Borrowed(
         "no layer of this case is a FLAIR, or it is closed; add one, or state the `contrast` of the layer that is one",

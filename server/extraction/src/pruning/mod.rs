@@ -46,89 +46,67 @@ const MOST_EROSION_MM: f64 = 12.0;
 /// The greatest volume of the marker, in ml: the inside of a brain, without scalp.
 const LARGEST_MARKER_ML: f64 = 700.0;
 
-/// The lengths and the fraction of tree pruning. Which heads they were chosen on: `lab/docs/extraction.md`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PruningParameters {
-    /// The least radius of the erosion that separates the brain from everything else, in mm.
-    pub erosion_mm: f64,
-    /// The greatest distance of the brain from the marker, in mm.
-    pub reach_mm: f64,
-    /// The least depth of the brain below the surface of the head, in mm: less than scalp and bone. A volume of a bare
-    /// brain loses its rim by this.
-    pub scalp_mm: f64,
-    /// A depth below the surface of the head that the middle of a brain reaches, but no part of a face, in mm.
-    pub core_mm: f64,
-    /// The radius of the closing from bright voxels to the head, in mm: it bridges bone and sinuses, which are then
-    /// filled.
-    pub head_closing_mm: f64,
-    /// The intensity that becomes white, as a fraction of the way from the dark class to the median of the marker. In
-    /// T1, grey matter is about two thirds as bright as white matter, and the marker is mostly white matter: both become
-    /// white, and only the border of the brain remains.
-    pub white_share: f64,
-    /// The radius of the opening of the pruned voxels, in mm.
-    pub opening_mm: f64,
-    /// The radius of the closing after it, in mm.
-    pub closing_mm: f64,
-    /// The dilation from the brain up to the dura, in mm.
-    pub dura_mm: f64,
-}
+// Which heads the following lengths and the fraction were chosen on: `lab/docs/extraction.md`.
 
-impl PruningParameters {
-    /// Those of [`prune`](crate::prune).
-    pub const STANDARD: Self = Self {
-        erosion_mm: 5.0,
-        reach_mm: 40.0,
-        scalp_mm: 5.0,
-        core_mm: 25.0,
-        head_closing_mm: 6.0,
-        white_share: 0.7,
-        opening_mm: 3.0,
-        closing_mm: 10.0,
-        dura_mm: 1.5,
-    };
-}
+/// The least radius of the erosion that separates the brain from everything else, in mm.
+const EROSION_MM: f64 = 5.0;
+
+/// The greatest distance of the brain from the marker, in mm.
+const REACH_MM: f64 = 40.0;
+
+/// The least depth of the brain below the surface of the head, in mm: less than scalp and bone. A volume of a bare brain loses its rim
+/// by this.
+const SCALP_MM: f64 = 5.0;
+
+/// A depth below the surface of the head that the middle of a brain reaches, but no part of a face, in mm.
+const CORE_MM: f64 = 25.0;
+
+/// The radius of the closing from bright voxels to the head, in mm: it bridges bone and sinuses, which are then filled.
+const HEAD_CLOSING_MM: f64 = 6.0;
+
+/// The intensity that becomes white, as a fraction of the way from the dark class to the median of the marker. In T1, grey matter is
+/// about two thirds as bright as white matter, and the marker is mostly white matter: both become white, and only the border of the
+/// brain remains.
+const WHITE_SHARE: f32 = 0.7;
+
+/// The radius of the opening of the pruned voxels, in mm.
+const OPENING_MM: f64 = 3.0;
+
+/// The radius of the closing after it, in mm.
+const CLOSING_MM: f64 = 10.0;
+
+/// The dilation from the brain up to the dura, in mm.
+const DURA_MM: f64 = 1.5;
 
 /// The brain of a volume by tree pruning, on a grid of its own; not rated.
 ///
 /// # Errors
 /// If nothing in the volume can be a brain, or if `observe` stops the work.
-pub fn prune_with(
-    volume: &Volume,
-    parameters: &PruningParameters,
-    observe: Observe<'_>,
-) -> Result<Mask, ExtractionError> {
+pub(crate) fn tree_pruned(volume: &Volume, observe: Observe<'_>) -> Result<Mask, ExtractionError> {
     go_on(observe, 0.0)?;
     let intensities = Intensities::of(volume, &isotropic_grid(&Canonical::new(volume).grid()?)?)?;
     go_on(observe, 0.1)?;
-    let head = intensities
-        .not_air()?
-        .closed(parameters.head_closing_mm)?
-        .filled();
+    let head = intensities.not_air()?.closed(HEAD_CLOSING_MM)?.filled();
     go_on(observe, 0.2)?;
-    let marker = marker(&intensities, &head, parameters)?;
+    let marker = marker(&intensities, &head)?;
     go_on(observe, 0.3)?;
-    let reach = reach(&head, &marker, parameters)?;
+    let reach = reach(&head, &marker)?;
     drop(head);
     go_on(observe, 0.4)?;
-    let image = intensities.enhanced(&marker, parameters.white_share as f32)?;
+    let image = intensities.enhanced(&marker, WHITE_SHARE)?;
     let gradient = gradient(&image);
     go_on(observe, 0.5)?;
     let forest = Forest::grown(&gradient, &marker, &reach);
     go_on(observe, 0.7)?;
     let kept = Mask::new(reach.grid().clone(), forest.pruned(&gradient, &reach))?;
     go_on(observe, 0.8)?;
-    let brain = image
-        .tissue(kept)?
-        .opened(parameters.opening_mm)?
-        .largest_component();
+    let brain = image.tissue(kept)?.opened(OPENING_MM)?.largest_component();
     if brain.volume_ml() == 0.0 {
         return Err(ExtractionError::NoBrain {
             what: "no part that is thick enough is separated from its surroundings",
         });
     }
-    let brain = brain
-        .closed(parameters.closing_mm)?
-        .dilated(parameters.dura_mm)?;
+    let brain = brain.closed(CLOSING_MM)?.dilated(DURA_MM)?;
     go_on(observe, 1.0)?;
     Ok(brain)
 }
@@ -159,19 +137,15 @@ fn isotropic_grid(native: &Grid) -> Result<Grid, ExtractionError> {
 
 /// Voxels that are certainly brain: the deepest component of the bright voxels, eroded until it is not larger than the
 /// inside of a brain. In a head that is thick nowhere, the largest component.
-fn marker(
-    intensities: &Intensities,
-    head: &Mask,
-    parameters: &PruningParameters,
-) -> Result<Mask, ExtractionError> {
+fn marker(intensities: &Intensities, head: &Mask) -> Result<Mask, ExtractionError> {
     let bright = intensities.bright()?;
-    let core = head.eroded(parameters.core_mm)?;
+    let core = head.eroded(CORE_MM)?;
     let core = if core.bounds().is_some() {
         core
     } else {
         bright.clone()
     };
-    let mut erosion_mm = parameters.erosion_mm;
+    let mut erosion_mm = EROSION_MM;
     while erosion_mm <= MOST_EROSION_MM {
         let marker = bright.eroded(erosion_mm)?.component_with_most_of(&core)?;
         let volume_ml = marker.volume_ml();
@@ -189,15 +163,11 @@ fn marker(
 }
 
 /// The voxels where the brain can be: around the marker and below the scalp.
-fn reach(
-    head: &Mask,
-    marker: &Mask,
-    parameters: &PruningParameters,
-) -> Result<Mask, GeometryError> {
+fn reach(head: &Mask, marker: &Mask) -> Result<Mask, GeometryError> {
     let grid = head.grid();
     let outside = head.voxels().iter().map(|&is_head| !is_head).collect();
-    let scalp = Mask::new(grid.clone(), outside)?.dilated(parameters.scalp_mm)?;
-    let around = marker.dilated(parameters.reach_mm)?;
+    let scalp = Mask::new(grid.clone(), outside)?.dilated(SCALP_MM)?;
+    let around = marker.dilated(REACH_MM)?;
     let is_within =
         |index: usize| marker.voxels()[index] || (around.voxels()[index] && !scalp.voxels()[index]);
     Mask::new(

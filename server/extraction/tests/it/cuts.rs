@@ -1,7 +1,8 @@
 //! Real heads that their field of view cuts: the depth that remains is that of the whole head.
 
 use geometry::{
-    BrainMask, DepthField, DistanceMap, Face, Grid, Mask, cut_envelope, distance_map, envelope,
+    BrainMask, DepthField, DistanceMap, Face, Grid, Mask, as_position, cut_envelope, distance_map,
+    envelope,
 };
 use glam::DVec3;
 
@@ -10,10 +11,6 @@ use crate::support::data;
 /// How much of the known depths may be further off than half a millimetre: where a fissure that is as wide as the closing's ball ends
 /// at the face, nobody knows how it goes on.
 const MOST_WRONG: f64 = 0.01;
-
-fn as_position(voxel: [usize; 3]) -> DVec3 {
-    DVec3::from_array(voxel.map(|place| place as f64))
-}
 
 /// A mask's grid without what is within `mm` of the mask's bounds at a face of the patient.
 fn without(mask: &Mask, number: usize, mm: f64) -> Grid {

@@ -1,14 +1,10 @@
 //! Volumes and masks of real heads, spoiled in known ways or changed harmlessly.
 
-use geometry::{BrainMask, Face, Grid, Mask, Volume, offset};
+use geometry::{BrainMask, Face, Grid, Mask, Volume, as_position, offset};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::support::{black, resampled};
 use crate::wrong_heads::{noise, with_axes, with_values};
-
-fn as_position(voxel: [usize; 3]) -> DVec3 {
-    DVec3::from_array(voxel.map(|place| place as f64))
-}
 
 /// The centre of a grid, LPS mm.
 fn middle(grid: &Grid) -> DVec3 {

@@ -9,7 +9,7 @@ use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
 use super::deidentify::deidentified_file;
 use super::fingerprint::{Fingerprint, Unfinished};
-use super::header::{Frame, Image, parse, read_image, stated_place};
+use super::header::{Frame, Image, NO_PIXELS, parse, read_image, stated_place};
 use super::loss::lost;
 use super::pixels::for_each_frame;
 use super::scan::{Scanned, scan, scan_as_far_as_sound};
@@ -19,10 +19,6 @@ use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary, UnreadF
 use crate::nifti::{Form, write_samples};
 use crate::sniff::recognised;
 use crate::{Format, Limits, sniff};
-
-const NO_PIXELS: DicomError = DicomError::Damaged {
-    what: "an image has no pixels",
-};
 
 /// A source of files: a directory, an archive, memory.
 pub trait Files {

@@ -244,6 +244,16 @@ pub enum DicomError {
     Imaging(#[from] ImagingError),
 }
 
+/// The structure of a file is damaged.
+pub(super) const fn damaged(what: &'static str) -> DicomError {
+    DicomError::Damaged { what }
+}
+
+/// A part of the standard is not supported.
+pub(super) const fn unsupported(what: &'static str) -> DicomError {
+    DicomError::Unsupported { what }
+}
+
 impl DicomError {
     /// A stable name in kebab case.
     pub fn kind(&self) -> &'static str {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::attributes::wanted;
-use super::header::{Frame, Image, parse, read_image};
+use super::header::{Frame, Image, NO_PIXELS, parse, read_image};
 use super::loss::lost;
 use super::numbers::text;
 use super::pixels::for_each_frame;
@@ -58,9 +58,7 @@ pub struct Fingerprint {
 pub fn fingerprint(file: &[u8]) -> Result<Fingerprint, DicomError> {
     let scanned = scan(file, &wanted())?;
     let image = read_image(0, file, &scanned)?.ok_or(DicomError::NoImages { files: 1 })?;
-    let pixels = scanned.pixels().ok_or(DicomError::Damaged {
-        what: "an image has no pixels",
-    })?;
+    let pixels = scanned.pixels().ok_or(NO_PIXELS)?;
     let mut print = Unfinished::of(file, &scanned, &image)?;
     for_each_frame(&image, &pixels, |_, _, samples| print.add(samples))?;
     Ok(print.finish())

@@ -7,19 +7,16 @@ use dicom_object::InMemDicomObject;
 
 use super::DicomError;
 use super::attributes::wanted;
-use super::header::{parse, read_image};
+use super::error::{damaged, unsupported};
+use super::header::{NO_PIXELS, parse, read_image};
 use super::numbers::{integer, text};
 use super::pixels::stored_samples;
 use super::scan::{PixelBytes, Scanned, scan};
 use super::syntax::{Encoding, Packing};
-use super::write::file_meta;
+use super::write::written;
 
 /// The most frames of an image.
 const MAX_FRAMES: usize = 1 << 16;
-
-const NO_PIXELS: DicomError = DicomError::Damaged {
-    what: "an image has no pixels",
-};
 
 /// Frames of an image, by their numbers from 0: uncompressed samples in little endian; the bits of a segmentation begin
 /// with a byte. `None` for a frame that the image does not have.
@@ -48,9 +45,9 @@ fn decoded(
     pixels: &PixelBytes,
     numbers: &[usize],
 ) -> Result<Vec<Option<Vec<u8>>>, DicomError> {
-    let image = read_image(0, file, scanned)?.ok_or(DicomError::Unsupported {
-        what: "a compressed image that is neither MR, CT nor PET",
-    })?;
+    let image = read_image(0, file, scanned)?.ok_or(unsupported(
+        "a compressed image that is neither MR, CT nor PET",
+    ))?;
     stored_samples(&image, pixels, numbers)
 }
 
@@ -72,14 +69,12 @@ impl Layout {
         let samples = number(tags::SAMPLES_PER_PIXEL).unwrap_or(1);
         let frames = number(tags::NUMBER_OF_FRAMES).unwrap_or(1);
         let Some(((rows, columns), allocated)) = sides.zip(allocated) else {
-            return Err(DicomError::Damaged {
-                what: "an image does not state how its pixels are stored",
-            });
+            return Err(damaged("an image does not state how its pixels are stored"));
         };
         if !(1..=4).contains(&samples) || frames > MAX_FRAMES {
-            return Err(DicomError::Damaged {
-                what: "an image has more samples or frames than are possible",
-            });
+            return Err(damaged(
+                "an image has more samples or frames than are possible",
+            ));
         }
         Ok(Self {
             bits: rows * columns * samples * allocated,
@@ -152,20 +147,12 @@ pub(super) fn write_explicit(
     };
     let pixels = PrimitiveValue::U8(pixels.into());
     object.put(DataElement::new(tags::PIXEL_DATA, vr, pixels));
-    let damaged = || DicomError::Damaged {
-        what: "it lacks the UID of its class or its instance, or cannot be written again",
-    };
     let uid = |tag| text(&object, tag).unwrap_or_default();
-    let meta = file_meta()
-        .transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN)
-        .media_storage_sop_class_uid(uid(tags::SOP_CLASS_UID))
-        .media_storage_sop_instance_uid(uid(tags::SOP_INSTANCE_UID))
-        .build()
-        .map_err(|_| damaged())?;
-    let mut bytes = Vec::new();
-    let file = object.with_exact_meta(meta);
-    file.write_all(&mut bytes).map_err(|_| damaged())?;
-    Ok(bytes)
+    let [class, instance] = [tags::SOP_CLASS_UID, tags::SOP_INSTANCE_UID].map(uid);
+    let syntax = uids::EXPLICIT_VR_LITTLE_ENDIAN;
+    written(object, syntax, [&class, &instance]).map_err(|_| {
+        damaged("it lacks the UID of its class or its instance, or cannot be written again")
+    })
 }
 
 #[cfg(test)]

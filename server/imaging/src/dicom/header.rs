@@ -8,10 +8,15 @@ use glam::DVec3;
 
 use super::DicomError;
 use super::characters::{decode_texts, hide, needs_decoding};
+use super::error::{damaged, unsupported};
 use super::numbers::{integer, real, stated_integer, stated_real, stated_reals, text};
 use super::pet::Pet;
 use super::scan::Scanned;
 use super::syntax::{Encoding, Packing};
+use crate::sniff::recognised;
+use crate::{Format, sniff};
+
+pub(super) const NO_PIXELS: DicomError = damaged("an image has no pixels");
 
 /// The greatest number of frames in an image.
 const MAX_FRAMES: usize = 1 << 16;
@@ -176,9 +181,25 @@ fn read(scanned: &Scanned, header: &[u8]) -> Result<InMemDicomObject, DicomError
         Encoding::ExplicitLittle => entries::EXPLICIT_VR_LITTLE_ENDIAN.erased(),
         Encoding::ExplicitBig => entries::EXPLICIT_VR_BIG_ENDIAN.erased(),
     };
-    InMemDicomObject::read_dataset_with_ts(header, &syntax).map_err(|_| DicomError::Damaged {
-        what: "its header cannot be parsed",
-    })
+    InMemDicomObject::read_dataset_with_ts(header, &syntax)
+        .map_err(|_| damaged("its header cannot be parsed"))
+}
+
+/// Refuses a file that is not DICOM.
+pub(super) fn refuse_other(file: &[u8]) -> Result<(), DicomError> {
+    match sniff(file) {
+        Format::Dicom => Ok(()),
+        _ => Err(DicomError::NoDicom {
+            files: 1,
+            found: recognised(file),
+        }),
+    }
+}
+
+/// The items of a sequence; none if it is absent.
+pub(super) fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
+    let found = object.get(tag).and_then(|element| element.items());
+    found.unwrap_or_default()
 }
 
 /// The image in a file; `None` if it is not an MR, CT or PET image.
@@ -193,16 +214,12 @@ pub(super) fn read_image(
         return Ok(None);
     };
     if scanned.pixels().is_none() && !scanned.has_real_pixels {
-        return Err(DicomError::Damaged {
-            what: "an image has no pixels",
-        });
+        return Err(NO_PIXELS);
     }
     let series_uid = text(&object, tags::SERIES_INSTANCE_UID).unwrap_or_default();
     let instance = instance_number(&object);
     let format = match scanned.has_real_pixels {
-        true => Err(DicomError::Unsupported {
-            what: "an image of real numbers",
-        }),
+        true => Err(unsupported("an image of real numbers")),
         false => pixel_format(&object, scanned.syntax.encoding, instance),
     };
     let is_signed = format.as_ref().is_ok_and(|format| format.signed);
@@ -309,26 +326,17 @@ fn pixel_format(
         let number = stated_integer(object, tag, instance)?;
         Ok::<_, DicomError>(number.and_then(|number| u32::try_from(number).ok()))
     };
-    let needed = |tag| {
-        number(tag)?.ok_or(DicomError::Damaged {
-            what: "an image does not state how its pixels are stored",
-        })
-    };
+    let needed =
+        |tag| number(tag)?.ok_or(damaged("an image does not state how its pixels are stored"));
     if number(tags::SAMPLES_PER_PIXEL)?.unwrap_or(1) != 1 {
-        return Err(DicomError::Unsupported {
-            what: "an image in colour",
-        });
+        return Err(unsupported("an image in colour"));
     }
     let photometric = text(object, tags::PHOTOMETRIC_INTERPRETATION).unwrap_or_default();
     if !matches!(photometric.as_str(), "" | "MONOCHROME1" | "MONOCHROME2") {
-        return Err(DicomError::Unsupported {
-            what: "an image in colour",
-        });
+        return Err(unsupported("an image in colour"));
     }
     if object.get(tags::MODALITY_LUT_SEQUENCE).is_some() {
-        return Err(DicomError::Unsupported {
-            what: "an image with a modality look-up table",
-        });
+        return Err(unsupported("an image with a modality look-up table"));
     }
     let bits_allocated = needed(tags::BITS_ALLOCATED)?;
     let bits_stored = number(tags::BITS_STORED)?.unwrap_or(bits_allocated);
@@ -368,22 +376,18 @@ fn is_signed(
 
 fn check_format(format: &PixelFormat) -> Result<(), DicomError> {
     if !matches!(format.bits_allocated, 8 | 16) {
-        return Err(DicomError::Unsupported {
-            what: "an image with pixels of neither 8 nor 16 bits",
-        });
+        return Err(unsupported("an image with pixels of neither 8 nor 16 bits"));
     }
     let bits = 1..=format.bits_allocated;
     let high = format.bits_stored.saturating_sub(1)..format.bits_allocated;
     if !bits.contains(&format.bits_stored) || !high.contains(&format.high_bit) {
-        return Err(DicomError::Damaged {
-            what: "an image has no bits stored, or more than are allocated",
-        });
+        return Err(damaged(
+            "an image has no bits stored, or more than are allocated",
+        ));
     }
     let sides = 1..=u16::MAX.into();
     if !sides.contains(&format.rows) || !sides.contains(&format.columns) {
-        return Err(DicomError::Damaged {
-            what: "an image has no pixels",
-        });
+        return Err(NO_PIXELS);
     }
     Ok(())
 }
@@ -399,19 +403,17 @@ fn frames(object: &InMemDicomObject) -> Result<Vec<Frame>, DicomError> {
         return if stated == 1 {
             Ok(vec![classic_frame(object)?])
         } else {
-            Err(DicomError::Unsupported {
-                what: "a multi-frame image without per-frame functional groups",
-            })
+            Err(unsupported(
+                "a multi-frame image without per-frame functional groups",
+            ))
         };
     };
     if per_frame.len() as i64 != stated || per_frame.len() > MAX_FRAMES {
-        return Err(DicomError::Damaged {
-            what: "the number of frames differs from the number of frame descriptions",
-        });
+        return Err(damaged(
+            "the number of frames differs from the number of frame descriptions",
+        ));
     }
-    let shared = object
-        .get(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE)
-        .and_then(|sequence| sequence.items()?.first());
+    let shared = items(object, tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE).first();
     let numbered = per_frame.iter().enumerate();
     numbered
         .map(|(index, groups)| grouped_frame(object, shared, groups, index))

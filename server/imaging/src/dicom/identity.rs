@@ -7,13 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::fingerprint::Fingerprint;
-use super::header::{IMAGE_CLASSES, parse};
+use super::header::{IMAGE_CLASSES, parse, refuse_other};
 use super::label::series_label;
 use super::numbers::text;
 use super::rejection::{Rejection, rejection};
 use super::scan::{scan, scan_as_far_as_sound};
-use crate::sniff::recognised;
-use crate::{Format, sniff};
 
 const WANTED: [Tag; 13] = [
     tags::SPECIFIC_CHARACTER_SET,
@@ -80,12 +78,7 @@ fn tag_of(keyword: &str) -> Tag {
 /// # Errors
 /// If it is not DICOM, is damaged before its pixels, or lacks one of the UIDs.
 pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
-    if sniff(file) != Format::Dicom {
-        return Err(DicomError::NoDicom {
-            files: 1,
-            found: recognised(file),
-        });
-    }
+    refuse_other(file)?;
     let object = parse(&scan(file, &WANTED)?)?;
     let uid = |tag, what| uid_of(&object, tag, what);
     let sop_class_uid = uid(tags::SOP_CLASS_UID, "it has no SOP Class UID")?;

@@ -6,11 +6,11 @@ use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
-use super::header::parse;
+use super::code;
+use super::error::damaged;
+use super::header::{items, parse, refuse_other};
 use super::numbers::text;
 use super::scan::scan;
-use crate::sniff::recognised;
-use crate::{Format, sniff};
 
 /// The most findings and points that are read.
 const MAX_MARKS: usize = 1_000;
@@ -124,12 +124,7 @@ pub struct MarkedPatient {
 /// # Errors
 /// If it is not DICOM, is damaged, or is another object.
 pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
-    if sniff(file) != Format::Dicom {
-        return Err(DicomError::NoDicom {
-            files: 1,
-            found: recognised(file),
-        });
-    }
+    refuse_other(file)?;
     let mut wanted = WANTED;
     wanted.sort_unstable();
     let report = parse(&scan(file, &wanted)?)?;
@@ -168,14 +163,10 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
         points += mark.points_in_patient.len();
         let is_first = found.marks.is_empty();
         if found.marks.len() == MAX_MARKS || points > MAX_POINTS {
-            return Err(DicomError::Damaged {
-                what: "it has more than 1,000 findings or 20,000 points",
-            });
+            return Err(damaged("it has more than 1,000 findings or 20,000 points"));
         }
         if !is_first && frame_of_reference != found.frame_of_reference {
-            return Err(DicomError::Damaged {
-                what: "its findings lie in several frames of reference",
-            });
+            return Err(damaged("its findings lie in several frames of reference"));
         }
         found.frame_of_reference = frame_of_reference;
         found.marks.push(mark);
@@ -184,9 +175,7 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
 }
 
 fn not_ours() -> DicomError {
-    DicomError::Damaged {
-        what: "it is neither a measurement report nor a segmentation with findings of this program",
-    }
+    damaged("it is neither a measurement report nor a segmentation with findings of this program")
 }
 
 /// The finding that a segment is of; `None` if it is not of this program.
@@ -261,11 +250,6 @@ fn side(group: &InMemDicomObject) -> Option<Side> {
         .find_map(|(code, side)| (code.value == value).then_some(side))
 }
 
-fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
-    let found = object.get(tag).and_then(|element| element.items());
-    found.unwrap_or_default()
-}
-
 fn content(object: &InMemDicomObject) -> &[InMemDicomObject] {
     items(object, tags::CONTENT_SEQUENCE)
 }
@@ -280,60 +264,6 @@ fn is_named(object: &InMemDicomObject, name: code::Code) -> bool {
         let is = |tag, value| text(found, tag).as_deref() == Some(value);
         is(tags::CODE_VALUE, name.value) && is(tags::CODING_SCHEME_DESIGNATOR, name.scheme)
     })
-}
-
-/// The codes of a report.
-pub(super) mod code {
-    /// A coded concept of these.
-    pub(in crate::dicom) type Code = crate::dicom::write::Code<'static>;
-
-    /// The scheme of the codes that no standard has.
-    pub(in crate::dicom) const SCHEME: &str = "99ISOCORTEX";
-
-    /// The value of [`STATE`] of a finding that was found to be normal.
-    pub(in crate::dicom) const DISMISSED: &str = "dismissed";
-
-    macro_rules! codes {
-        ($($name:ident $scheme:literal $value:literal $meaning:literal)*) => { $(
-            pub(in crate::dicom) const $name: Code = Code { value: $value, scheme: $scheme, meaning: $meaning };
-        )* };
-    }
-
-    codes! {
-        IMAGING_MEASUREMENT_REPORT "DCM" "126000" "Imaging Measurement Report"
-        IMAGING_MEASUREMENTS "DCM" "126010" "Imaging Measurements"
-        MEASUREMENT_GROUP "DCM" "125007" "Measurement Group"
-        LANGUAGE "DCM" "121049" "Language of Content Item and Descendants"
-        ENGLISH "RFC5646" "en-US" "English (United States)"
-        OBSERVER_TYPE "DCM" "121005" "Observer Type"
-        DEVICE "DCM" "121007" "Device"
-        DEVICE_OBSERVER_UID "DCM" "121012" "Device Observer UID"
-        PROCEDURE_REPORTED "DCM" "121058" "Procedure reported"
-        MR "LN" "25056-3" "MRI unspecified body region"
-        TRACKING_IDENTIFIER "DCM" "112039" "Tracking Identifier"
-        TRACKING_UID "DCM" "112040" "Tracking Unique Identifier"
-        FINDING_SITE "SCT" "363698007" "Finding Site"
-        BRAIN "SCT" "12738006" "Brain"
-        LATERALITY "SCT" "272741003" "Laterality"
-        LEFT "SCT" "7771000" "Left"
-        RIGHT "SCT" "24028007" "Right"
-        IMAGE_REGION "DCM" "111030" "Image Region"
-        COMMENT "DCM" "121106" "Comment"
-        MILLIMETRES "UCUM" "mm" "mm"
-        SQUARE_MILLIMETRES "UCUM" "mm2" "mm2"
-        LENGTH "SCT" "410668003" "Length"
-        AREA "SCT" "42798000" "Area"
-        DEPTH "99ISOCORTEX" "depth" "Depth below the envelope of the brain"
-        KIND "99ISOCORTEX" "form" "Form of a finding"
-        LABEL "99ISOCORTEX" "label" "Label"
-        COLOUR "99ISOCORTEX" "colour" "Colour"
-        GYRUS "99ISOCORTEX" "gyrus" "Gyrus, about, from an atlas"
-        MAP "99ISOCORTEX" "map" "Map in whose list it was found"
-        AUTHOR "99ISOCORTEX" "author" "Author, as stated by the client"
-        CASE "99ISOCORTEX" "case" "Case in whose images it was marked"
-        CERTAINTY "99ISOCORTEX" "certainty" "Certainty that it is abnormal"
-        STATE "99ISOCORTEX" "state" "State"
-    }
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@
 mod attributes;
 mod characters;
 mod choose;
+mod code;
 mod convert;
 mod deidentify;
 mod error;

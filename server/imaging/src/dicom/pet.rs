@@ -4,6 +4,7 @@ use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
 
+use super::header::items;
 use super::numbers::{real, text};
 
 /// The header of a PET image, as far as the standardised uptake value needs it.
@@ -24,9 +25,7 @@ pub(super) struct Pet {
 impl Pet {
     pub(super) fn read(object: &InMemDicomObject) -> Self {
         let word = |tag| text(object, tag).unwrap_or_default().to_ascii_uppercase();
-        let drug = object
-            .get(tags::RADIOPHARMACEUTICAL_INFORMATION_SEQUENCE)
-            .and_then(|sequence| sequence.items()?.first());
+        let drug = items(object, tags::RADIOPHARMACEUTICAL_INFORMATION_SEQUENCE).first();
         let of_drug = |tag| {
             drug.and_then(|drug| real(drug, tag))
                 .filter(|&number| number > 0.0)

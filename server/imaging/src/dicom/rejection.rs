@@ -6,7 +6,8 @@ use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
-use super::header::parse;
+use super::error::damaged;
+use super::header::{items, parse};
 use super::numbers::text;
 use super::scan::scan;
 
@@ -84,9 +85,9 @@ pub(super) fn rejection(file: &[u8]) -> Result<Option<Rejection>, DicomError> {
     }
     let count: usize = found.iter().map(|series| series.instance_uids.len()).sum();
     if !(1..=MAX_INSTANCES).contains(&count) {
-        return Err(DicomError::Damaged {
-            what: "it is a rejection note of no instances, or of more than 5,000",
-        });
+        return Err(damaged(
+            "it is a rejection note of no instances, or of more than 5,000",
+        ));
     }
     Ok(Some(Rejection {
         may_return: code == RETENTION_EXPIRED,
@@ -94,14 +95,9 @@ pub(super) fn rejection(file: &[u8]) -> Result<Option<Rejection>, DicomError> {
     }))
 }
 
-fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
-    let found = object.get(tag).and_then(|element| element.items());
-    found.unwrap_or_default()
-}
-
 fn uid(object: &InMemDicomObject, tag: Tag) -> Result<String, DicomError> {
     let uid = text(object, tag).filter(|uid| !uid.is_empty());
-    uid.ok_or(DicomError::Damaged {
-        what: "it is a rejection note without the UID of a study, a series or an instance",
-    })
+    uid.ok_or(damaged(
+        "it is a rejection note without the UID of a study, a series or an instance",
+    ))
 }

@@ -13,6 +13,7 @@ use dicom_dictionary_std::{StandardDataDictionary, tags};
 use flate2::read::DeflateDecoder;
 
 use super::DicomError;
+use super::error::damaged;
 use super::sequences::SEQUENCES;
 use super::syntax::{Encoding, Syntax};
 use crate::sniff::dicom_start;
@@ -248,10 +249,6 @@ fn inflate(packed: &[u8]) -> Result<Vec<u8>, DicomError> {
         });
     }
     Ok(bytes)
-}
-
-fn damaged(what: &'static str) -> DicomError {
-    DicomError::Damaged { what }
 }
 
 /// Tag, value representation and length of an element.

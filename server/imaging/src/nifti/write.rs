@@ -19,9 +19,6 @@ const VOX_OFFSET: usize = 352;
 /// Voxels converted at a time.
 const CHUNK_VOXELS: usize = 32 << 10;
 
-/// The depth that is written outside the envelope.
-const OUTSIDE_MM: f32 = -1.0;
-
 /// Codes of the written data types, and their bytes per voxel.
 const UINT8: (i16, i16) = (2, 1);
 const FLOAT32: (i16, i16) = (16, 4);
@@ -112,25 +109,6 @@ pub(crate) fn write_samples(
             bytes.extend_from_slice(&sample.to_le_bytes());
         })
     }
-}
-
-/// A map of depths as `.nii.gz`: millimetres in single precision, −1 where `depths_mm` is `None` (outside).
-///
-/// # Errors
-/// If a side has more than 32,767 voxels.
-///
-/// # Panics
-/// If there is not one depth for each voxel of the grid.
-pub fn write_depth_map(grid: &Grid, depths_mm: &[Option<f32>]) -> Result<Vec<u8>, ImagingError> {
-    assert_eq!(
-        depths_mm.len(),
-        grid.voxel_count(),
-        "one depth for each voxel"
-    );
-    let header = header(grid, FLOAT32, UNSCALED)?;
-    pack(&header, depths_mm, |depth, bytes| {
-        bytes.extend_from_slice(&depth.unwrap_or(OUTSIDE_MM).to_le_bytes());
-    })
 }
 
 /// Labels as `.nii.gz` in 16 bits, 0 where there is none, with their names in a comment (an extension with code 6): a number, a

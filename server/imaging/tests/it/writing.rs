@@ -89,24 +89,6 @@ fn a_volume_comes_back_to_the_bit() {
 }
 
 #[test]
-fn depths_come_back_with_minus_one_outside() {
-    let (grid, _) = grids().remove(3);
-    let depths: Vec<_> = (0..60u8)
-        .map(|index| (index % 4 != 0).then(|| f32::from(index) * 0.37))
-        .collect();
-    let packed = nifti::write_depth_map(&grid, &depths).unwrap();
-    let file = without_form(&packed, 252);
-    let written = file[352..].chunks_exact(4);
-    let written: Vec<_> = written
-        .map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap()))
-        .collect();
-    let expected: Vec<_> = depths.iter().map(|depth| depth.unwrap_or(-1.0)).collect();
-    assert_eq!(written, expected);
-    let back = nifti::read_volume(&packed, &Limits::default()).unwrap();
-    assert_same_positions(back.grid(), &grid);
-}
-
-#[test]
 fn another_reader_accepts_what_is_written() {
     for (grid, _) in grids() {
         let mask = Mask::new(grid.clone(), pattern(&grid)).unwrap();

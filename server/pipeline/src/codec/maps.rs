@@ -5,7 +5,8 @@ use case::{CandidateFacts, JunctionBandFacts, RegionFacts};
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Reader;
-use crate::maps::{CaseMaps, MAP_FORMAT, MapsOrReason, NoMaps};
+use crate::Undefined;
+use crate::maps::{CaseMaps, MAP_FORMAT, MapsOrReason};
 
 /// The longest accepted head.
 const MAX_HEAD_BYTES: u32 = 1 << 20;
@@ -15,7 +16,7 @@ const MAX_HEAD_BYTES: u32 = 1 << 20;
 struct ObjectHead {
     format: u32,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    undefined: Option<NoMaps>,
+    undefined: Option<Undefined>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     places: Option<Places>,
 }

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::bytes::{Reader, put_leb128};
 use super::{decode_envelope, encode_envelope};
-use crate::surfaces::{NoSurfaces, SURFACES_FORMAT, Surfaces, SurfacesOrReason};
+use crate::Undefined;
+use crate::surfaces::{SURFACES_FORMAT, Surfaces, SurfacesOrReason};
 
 /// The longest accepted head.
 const MAX_HEAD_BYTES: u32 = 1 << 16;
@@ -15,7 +16,7 @@ const MAX_HEAD_BYTES: u32 = 1 << 16;
 struct ObjectHead {
     format: u32,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    undefined: Option<NoSurfaces>,
+    undefined: Option<Undefined>,
 }
 
 /// The payload of surfaces, or of the reason for none.
@@ -109,7 +110,7 @@ mod tests {
 
     #[test]
     fn surfaces_and_the_reason_for_none_come_back_and_another_format_does_not() {
-        let none = NoSurfaces {
+        let none = Undefined {
             code: "no-fissure".into(),
             sentence: "there is no fissure".into(),
         };

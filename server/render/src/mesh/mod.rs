@@ -29,14 +29,9 @@ const PIECE_PIXELS: f64 = 8.0;
 ///
 /// Each pixel's intensity, direction and light are those of its own point of the facet. A pixel that a facet covers in
 /// part is mixed with the background in quarters.
-pub fn draw_mesh(scene: &Scene<'_>, request: &RenderRequest, facets: Facets<'_>) -> Frame {
-    let projection = request.projection(scene);
-    let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
-    surface::draw(&drawn, scene, request, &projection)
-}
-
-/// As [`draw_mesh`]; `None` soon after the picture is no longer wanted.
-pub fn draw_mesh_while(
+///
+/// `None` soon after the picture is no longer wanted.
+pub fn draw_mesh(
     scene: &Scene<'_>,
     request: &RenderRequest,
     facets: Facets<'_>,
@@ -44,7 +39,7 @@ pub fn draw_mesh_while(
 ) -> Option<Frame> {
     let projection = request.projection(scene);
     let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
-    surface::draw_while(&drawn, scene, request, &projection, is_wanted)
+    surface::draw(&drawn, scene, request, &projection, is_wanted)
 }
 
 /// Finds what the centre of each pixel of [`draw_mesh`] shows, without drawing it: points on the facets.
@@ -150,7 +145,9 @@ mod tests {
                 &Scene::from(&case.model),
                 &request.unwrap(),
                 Facets::new(table.size, &mesh),
+                &|| true,
             )
+            .unwrap()
         };
         let [opaque, clear] = [Background::Black, Background::Transparent].map(draw);
         let mut shares = [0; 5];

@@ -23,25 +23,16 @@ use pixels::Pixels;
 ///
 /// A pixel beside the isosurface, or at a point of it outside the volume, is background; one at its edge is mixed with the
 /// background by the share that the isosurface covers.
-pub fn draw_splat(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
-    let projection = request.projection(scene);
-    surface::draw(
-        &pixels(scene, request, &projection),
-        scene,
-        request,
-        &projection,
-    )
-}
-
-/// As [`draw_splat`]; `None` soon after the picture is no longer wanted.
-pub fn draw_splat_while(
+///
+/// `None` soon after the picture is no longer wanted.
+pub fn draw_splat(
     scene: &Scene<'_>,
     request: &RenderRequest,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
     let projection = request.projection(scene);
     let surface = pixels(scene, request, &projection);
-    surface::draw_while(&surface, scene, request, &projection, is_wanted)
+    surface::draw(&surface, scene, request, &projection, is_wanted)
 }
 
 /// Finds what each pixel of [`draw_splat`] shows, without drawing it: points at most 1 voxel off the isosurface.

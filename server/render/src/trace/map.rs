@@ -141,7 +141,8 @@ mod tests {
     fn draw(model: &DeformableModel, depth_mm: f64, sides: MapSides, size: [u32; 2]) -> Frame {
         let scene = Scene::from(model);
         let discs = discs(model, sides).into_iter();
-        let frames = discs.map(|disc| draw_trace(&scene, &request(disc, depth_mm, size)));
+        let frames =
+            discs.map(|disc| draw_trace(&scene, &request(disc, depth_mm, size), &|| true).unwrap());
         frames.reduce(|all, one| all.joined(&one)).unwrap()
     }
 

@@ -21,35 +21,15 @@ use march::{Sight, first_hits};
 
 /// Draws the isosurface {depth = D} exactly; pixels have the formats and soft edges of [`crate::draw_splat`]. The only renderer of
 /// the flat map.
-pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
-    match request.view(scene) {
-        View::Parallel(projection) => {
-            let surface = Traced::new(scene, request, &projection);
-            surface::draw(&surface, scene, request, &projection)
-        }
-        View::Map(projection) => {
-            let surface = Mapped::new(scene, request, &projection);
-            surface::draw(&surface, scene, request, &projection)
-        }
-    }
-}
-
-/// As [`draw_trace`]; `None` soon after the picture is no longer wanted.
-pub fn draw_trace_while(
+///
+/// `None` soon after the picture is no longer wanted.
+pub fn draw_trace(
     scene: &Scene<'_>,
     request: &RenderRequest,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
-    match request.view(scene) {
-        View::Parallel(projection) => {
-            let surface = Traced::new(scene, request, &projection);
-            surface::draw_while(&surface, scene, request, &projection, is_wanted)
-        }
-        View::Map(projection) => {
-            let surface = Mapped::new(scene, request, &projection);
-            surface::draw_while(&surface, scene, request, &projection, is_wanted)
-        }
-    }
+    let (surface, view) = seen(scene, request);
+    surface::draw(&*surface, scene, request, view, is_wanted)
 }
 
 /// Finds what each pixel of [`draw_trace`] shows, without drawing it: points within 0.01 voxel of depth of the
@@ -58,16 +38,18 @@ pub fn draw_trace_while(
 /// Within 5 voxels of the envelope that is the isosurface without the terraces of the envelope's voxels, at most about
 /// a voxel off the raw one.
 pub fn trace_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
-    match request.view(scene) {
-        View::Parallel(projection) => {
-            let surface = Traced::new(scene, request, &projection);
-            surface::hits(&surface, scene, request, &projection)
-        }
-        View::Map(projection) => {
-            let surface = Mapped::new(scene, request, &projection);
-            surface::hits(&surface, scene, request, &projection)
-        }
-    }
+    let (surface, view) = seen(scene, request);
+    surface::hits(&*surface, scene, request, view)
+}
+
+/// What the picture's pixels can see, and from where.
+fn seen<'a>(scene: &Scene<'a>, request: &RenderRequest) -> (Box<dyn Surface + 'a>, View) {
+    let view = request.view(scene);
+    let surface: Box<dyn Surface + 'a> = match &view {
+        View::Parallel(projection) => Box::new(Traced::new(scene, request, projection)),
+        View::Map(projection) => Box::new(Mapped::new(scene, request, projection)),
+    };
+    (surface, view)
 }
 
 /// The isosurface along the lines of sight of a picture.

@@ -47,12 +47,7 @@ pub async fn get_acquired(
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let plane = plane_of(&path)?;
-    let question = Question {
-        id,
-        route: "acquired",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "acquired", &asked, &request);
     let named = cases.identity(&id, asked.annotate).await?;
     let work = async || {
         let volume = cases.acquired_volume(&id).await?;

@@ -52,7 +52,16 @@ pub struct Question<'a, Q> {
     pub request: &'a HeaderMap,
 }
 
-impl<Q: Serialize> Question<'_, Q> {
+impl<'a, Q: Serialize> Question<'a, Q> {
+    pub fn new(id: CaseId, route: &'static str, query: &'a Q, request: &'a HeaderMap) -> Self {
+        Self {
+            id,
+            route,
+            query,
+            request,
+        }
+    }
+
     /// Answers a question about a ready case: with 304 and without any work if the client has the answer, otherwise
     /// with the result of `work`.
     ///

@@ -166,12 +166,7 @@ pub async fn get_candidates(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let kind = media_type(&request, &[JSON, CSV])?;
-    let question = Question {
-        id,
-        route: "candidates",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "candidates", &query, &request);
     // The map of a FLAIR is another one once another layer is the newest.
     let layers = match query.map {
         MapAsked::Flair => cases.layers(&id).await?,
@@ -309,12 +304,7 @@ pub async fn get_profile(
         MapsState::Off => Err(MAPS_OFF),
         MapsState::Making => return Err(Error::LayerNotReady.into()),
     };
-    let question = Question {
-        id,
-        route: "profile",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "profile", &query, &request);
     let has_maps = maps.is_ok();
     let layers = cases.layers(&id).await?;
     let ready: Vec<_> = layers.iter().filter(|layer| ready(layer).is_ok()).collect();

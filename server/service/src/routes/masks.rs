@@ -105,12 +105,7 @@ async fn answer(
         kinds,
         decode,
     } = wanted;
-    let question = Question {
-        id,
-        route,
-        query: &query,
-        request,
-    };
+    let question = Question::new(id, route, &query, request);
     let pack = move |_: &CaseFacts, payloads: &[Bytes]| {
         imaging::nifti::write_mask(&decode(payloads.first()?)?).ok()
     };
@@ -294,12 +289,7 @@ pub async fn get_quality(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let question = Question {
-        id,
-        route: "quality",
-        query: &query.asked,
-        request: &request,
-    };
+    let question = Question::new(id, "quality", &query.asked, &request);
     let work = async |facts: Arc<CaseFacts>| {
         let model = cases.model(&id).await?;
         let volume = cases.whole_volume(&id).await?;

@@ -1,6 +1,6 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
-use cases::{Cases, Error};
+use cases::Cases;
 use std::future::ready;
 use std::sync::Arc;
 
@@ -193,12 +193,7 @@ pub async fn get_mesh(
 ) -> Result<Response, AppError> {
     let types = if asked.solid { SOLID_TYPES } else { MESH_TYPES };
     let format = media_type(&request, types)?;
-    let question = Question {
-        id,
-        route: "mesh",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "mesh", &asked, &request);
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
@@ -209,10 +204,7 @@ pub async fn get_mesh(
             let (body, lacking) = turn.run(work).await??;
             return Ok(content(body, depth, &lacking));
         }
-        let shrunk = async {
-            let shrunk = model.shrink(size, asked.paths, depth.mm).await;
-            shrunk.map_err(Error::from)
-        };
+        let shrunk = model.shrink(size, asked.paths, depth.mm);
         let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.
             encode(shrunk.await?, model.model().field(), (size, format))
@@ -351,12 +343,7 @@ pub async fn get_triangles(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[POSITIONS])?;
-    let question = Question {
-        id,
-        route: "mesh/triangles",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "mesh/triangles", &asked, &request);
     let format = Format::compressed(POSITIONS, &request);
     let coding = format.coding();
     let work = async |_| {
@@ -393,12 +380,7 @@ pub async fn get_paths(
 ) -> Result<Response, AppError> {
     const PATHS: &str = "application/vnd.isocortex.paths";
     media_type(&request, &[PATHS, POSITIONS])?;
-    let question = Question {
-        id,
-        route: "mesh/paths",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "mesh/paths", &asked, &request);
     // The layout counts in the tag.
     let format = Format::compressed(PATHS, &request).variant("paths 2");
     let format = of_surface(format, "paths 2", asked.surface);
@@ -416,7 +398,7 @@ pub async fn get_paths(
             };
             wire::paths(&table, paths, &astray)
         };
-        let table = async { model.paths(size, paths).await.map_err(Error::from) };
+        let table = model.paths(size, paths);
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())
     };

@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use crate::routes::asked::{CasePath, Question};
-use case::CaseId;
-use cases::registration::CaseRegistration;
+use case::{CaseId, CaseRegistration};
 use cases::{Cases, Error};
 use http::conditional::Format;
 use http::problem::AppError;
@@ -59,12 +58,7 @@ pub async fn get_registration(
     // The answer may be known to the client although the other case is gone.
     let with = query.with;
     cases.ready(&with).await?;
-    let question = Question {
-        id,
-        route: "registration",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "registration", &query, &request);
     let format = Format::of("application/json").revalidated();
     let work = async |_| {
         let found = cases.registration(&id, &with).await?;

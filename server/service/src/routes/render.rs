@@ -63,12 +63,7 @@ pub async fn get_render(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let media = media_type(&request, &[PNG, POSITIONS])?;
-    let question = Question {
-        id,
-        route: "render",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "render", &asked, &request);
     // Before the backend, because finding a graphics device may take seconds, and a missing case none.
     cases.ready(&id).await?;
     if media == POSITIONS {

@@ -50,12 +50,7 @@ pub async fn get_slice(
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
     let kind: SliceKind = named(&path)?;
-    let question = Question {
-        id,
-        route: "slices",
-        query: &asked,
-        request: &request,
-    };
+    let question = Question::new(id, "slices", &asked, &request);
     let slice = SlicePicture::of(&cases, &id, kind, values).await?;
     let format = format_with_layers(kind.name().to_owned(), slice.version());
     let format = format.named(slice.identity().map(str::to_owned));

@@ -130,12 +130,7 @@ pub async fn get_volume(
             Extent::Whole => wire::volume_texture(cases.whole_volume(&id).await?, range),
         })
     };
-    let question = Question {
-        id,
-        route: "volume",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "volume", &query, &request);
     answer(
         &cases,
         &bodies,
@@ -190,12 +185,7 @@ pub async fn get_distance(
             step => wire::coarse_depth_texture(&model, step),
         })
     };
-    let question = Question {
-        id,
-        route: "distance",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "distance", &query, &request);
     answer(
         &cases,
         &bodies,

@@ -1,11 +1,13 @@
 //! What every result states: patient, study, series, equipment, and what it is derived from.
 
+use std::collections::HashSet;
+
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::{tags, uids};
-use dicom_object::FileMetaTableBuilder;
+use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
 
-use super::item::{Code, Item};
-use crate::dicom::{Attributes, Instance};
+use super::item::Item;
+use crate::dicom::{Attributes, Instance, code};
 
 /// Attributes of the patient and the study, which are copied from the source. Those that are marked are present even if
 /// their value is not known (type 2).
@@ -36,13 +38,6 @@ const COPIED: [(&str, Tag, VR, bool); 15] = [
         true,
     ),
 ];
-
-/// The source of a derived image.
-const SOURCE_OF_PROCESSING: Code<'_> = Code {
-    value: "121322",
-    scheme: "DCM",
-    meaning: "Source image for image processing operation",
-};
 
 const MANUFACTURER: &str = "Isocortex";
 
@@ -221,15 +216,18 @@ impl Head<'_> {
         Ok(item)
     }
 
-    /// References to all images of the source, each once.
-    pub(super) fn source_images(&self) -> Vec<Item> {
-        let mut seen = std::collections::HashSet::new();
-        let instances = self.source.instances.iter();
-        let each_once = instances.filter(|instance| seen.insert(&instance.sop_instance_uid));
-        each_once
-            .map(|instance| source_image(instance, None))
-            .collect()
+    /// The images of the source, each once.
+    pub(super) fn images(&self) -> impl Iterator<Item = &Instance> {
+        each_once(self.source.instances.iter())
     }
+}
+
+/// Images, each once.
+pub(super) fn each_once<'a>(
+    images: impl Iterator<Item = &'a Instance>,
+) -> impl Iterator<Item = &'a Instance> {
+    let mut seen = HashSet::new();
+    images.filter(move |image| seen.insert(&image.sop_instance_uid))
 }
 
 /// A reference to an image of the source, or to one of its frames.
@@ -240,37 +238,46 @@ pub(super) fn source_image(instance: &Instance, frame: Option<usize>) -> Item {
     }
     item.codes(
         tags::PURPOSE_OF_REFERENCE_CODE_SEQUENCE,
-        &[SOURCE_OF_PROCESSING],
+        &[code::SOURCE_OF_PROCESSING],
     );
     item
 }
 
 /// The class and the instance of an image.
 pub(super) fn reference(instance: &Instance) -> Item {
+    referenced(&instance.sop_class_uid, &instance.sop_instance_uid)
+}
+
+/// The class and the instance of an object.
+pub(super) fn referenced(class: &str, uid: &str) -> Item {
     let mut item = Item::new();
-    let [class, uid] = [&instance.sop_class_uid, &instance.sop_instance_uid];
     item.text(tags::REFERENCED_SOP_CLASS_UID, VR::UI, class)
         .text(tags::REFERENCED_SOP_INSTANCE_UID, VR::UI, uid);
     item
 }
 
-/// File meta information that names this program.
-pub(in crate::dicom) fn file_meta() -> FileMetaTableBuilder {
-    FileMetaTableBuilder::new()
-        .implementation_class_uid(IMPLEMENTATION_CLASS_UID)
-        .implementation_version_name(IMPLEMENTATION_VERSION_NAME)
-}
-
 /// The file with a data set (PS3.10).
 pub(super) fn file(item: Item, class: &str, instance: &str) -> Result<Vec<u8>, WriteError> {
-    let meta = file_meta()
-        .transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN)
+    let syntax = uids::EXPLICIT_VR_LITTLE_ENDIAN;
+    written(item.into_object(), syntax, [class, instance])
+}
+
+/// The file with a data set of this class and this instance, in a transfer syntax.
+pub(in crate::dicom) fn written(
+    object: InMemDicomObject,
+    syntax: &str,
+    [class, instance]: [&str; 2],
+) -> Result<Vec<u8>, WriteError> {
+    let meta = FileMetaTableBuilder::new()
+        .implementation_class_uid(IMPLEMENTATION_CLASS_UID)
+        .implementation_version_name(IMPLEMENTATION_VERSION_NAME)
+        .transfer_syntax(syntax)
         .media_storage_sop_class_uid(class)
         .media_storage_sop_instance_uid(instance)
         .build()
         .map_err(|_| WriteError::Encoding)?;
     let mut bytes = Vec::new();
-    let file = item.into_object().with_exact_meta(meta);
+    let file = object.with_exact_meta(meta);
     file.write_all(&mut bytes)
         .map_err(|_| WriteError::Encoding)?;
     Ok(bytes)

@@ -5,7 +5,7 @@ use dicom_dictionary_std::{tags, uids};
 
 use super::common::{Head, WriteError, file, reference};
 use super::item::Item;
-use crate::dicom::marks::code;
+use crate::dicom::code;
 
 const CLASS: &str = uids::ENCAPSULATED_PDF_STORAGE;
 
@@ -23,10 +23,7 @@ pub fn encapsulated_pdf(
         pdf.push(0);
     }
     let mut item = head.begin_document(CLASS, "DOC")?;
-    let mut seen = std::collections::HashSet::new();
-    let instances = head.source.instances.iter();
-    let instances = instances.filter(|instance| seen.insert(&instance.sop_instance_uid));
-    let sources: Vec<Item> = instances.map(reference).collect();
+    let sources: Vec<Item> = head.images().map(reference).collect();
     item.text(tags::CONVERSION_TYPE, VR::CS, "WSD")
         .text(tags::ACQUISITION_DATE_TIME, VR::DT, "")
         // A reader may have written anything into it.

@@ -3,8 +3,10 @@
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 
-use super::common::{Head, WriteError, file};
-use super::item::{Code, Item};
+use super::common::{Head, WriteError, file, referenced};
+use super::content::{related, text};
+use super::item::Item;
+use crate::dicom::code::{self, Code};
 
 /// The reason of a rejection note (CID 7011).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,17 +22,12 @@ pub enum KeyObjectTitle {
 }
 
 impl KeyObjectTitle {
-    fn code(self) -> Code<'static> {
-        let (value, meaning) = match self {
-            Self::RejectedForQuality => ("113001", "Rejected for Quality Reasons"),
-            Self::RejectedForSafety => ("113037", "Rejected for Patient Safety Reasons"),
-            Self::IncorrectWorklistEntry => ("113038", "Incorrect Modality Worklist Entry"),
-            Self::RetentionExpired => ("113039", "Data Retention Policy Expired"),
-        };
-        Code {
-            value,
-            scheme: "DCM",
-            meaning,
+    fn code(self) -> Code {
+        match self {
+            Self::RejectedForQuality => code::REJECTED_FOR_QUALITY,
+            Self::RejectedForSafety => code::REJECTED_FOR_SAFETY,
+            Self::IncorrectWorklistEntry => code::INCORRECT_WORKLIST_ENTRY,
+            Self::RetentionExpired => code::RETENTION_EXPIRED,
         }
     }
 }
@@ -48,14 +45,7 @@ pub struct Listed {
 
 impl Listed {
     fn reference(&self) -> Item {
-        let mut item = Item::new();
-        item.text(tags::REFERENCED_SOP_CLASS_UID, VR::UI, &self.sop_class_uid)
-            .text(
-                tags::REFERENCED_SOP_INSTANCE_UID,
-                VR::UI,
-                &self.sop_instance_uid,
-            );
-        item
+        referenced(&self.sop_class_uid, &self.sop_instance_uid)
     }
 }
 
@@ -76,33 +66,10 @@ pub fn key_object(
     }
     let class = uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
     let mut item = head.begin_document(class, "KO")?;
-    let mut evidence = Item::new();
-    evidence
-        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
-        .items(tags::REFERENCED_SERIES_SEQUENCE, of_each_series(listed));
-    let mut template = Item::new();
-    template.text(tags::MAPPING_RESOURCE, VR::CS, "DCMR").text(
-        tags::TEMPLATE_IDENTIFIER,
-        VR::CS,
-        "2010",
-    );
-    let mut remark = Item::new();
-    remark
-        .text(tags::RELATIONSHIP_TYPE, VR::CS, "CONTAINS")
-        .text(tags::VALUE_TYPE, VR::CS, "TEXT")
-        .codes(
-            tags::CONCEPT_NAME_CODE_SEQUENCE,
-            &[Code {
-                value: "113012",
-                scheme: "DCM",
-                meaning: "Key Object Description",
-            }],
-        )
-        .text(tags::TEXT_VALUE, VR::UT, head.comment);
+    let remark = text("CONTAINS", code::KEY_OBJECT_DESCRIPTION, head.comment);
     let image = |listed: &Listed| {
-        let mut item = Item::new();
-        item.text(tags::RELATIONSHIP_TYPE, VR::CS, "CONTAINS")
-            .text(tags::VALUE_TYPE, VR::CS, "IMAGE")
+        let mut item = related("CONTAINS");
+        item.text(tags::VALUE_TYPE, VR::CS, "IMAGE")
             .items(tags::REFERENCED_SOP_SEQUENCE, [listed.reference()]);
         item
     };
@@ -110,18 +77,14 @@ pub fn key_object(
     item.items(tags::REFERENCED_PERFORMED_PROCEDURE_STEP_SEQUENCE, [])
         .items(
             tags::CURRENT_REQUESTED_PROCEDURE_EVIDENCE_SEQUENCE,
-            [evidence],
+            [evidence_of(study, listed)],
         )
-        .text(tags::VALUE_TYPE, VR::CS, "CONTAINER")
-        .codes(tags::CONCEPT_NAME_CODE_SEQUENCE, &[title.code()])
-        .text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
-        .items(tags::CONTENT_TEMPLATE_SEQUENCE, [template])
-        .items(tags::CONTENT_SEQUENCE, content);
+        .container(title.code(), Some("2010"), content);
     file(item, class, head.instance_uid)
 }
 
-/// The objects of each series, in the order in which the series come first.
-pub(super) fn of_each_series(listed: &[Listed]) -> Vec<Item> {
+/// The objects of a study by their series, in the order in which the series come first.
+pub(super) fn evidence_of(study: &str, listed: &[Listed]) -> Item {
     let mut series: Vec<(&str, Vec<Item>)> = Vec::new();
     for each in listed {
         let known = series.iter_mut().find(|(uid, _)| *uid == each.series_uid);
@@ -136,5 +99,10 @@ pub(super) fn of_each_series(listed: &[Listed]) -> Vec<Item> {
             .items(tags::REFERENCED_SOP_SEQUENCE, references);
         item
     };
-    series.into_iter().map(item).collect()
+    let mut evidence = Item::new();
+    let series = series.into_iter().map(item);
+    evidence
+        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
+        .items(tags::REFERENCED_SERIES_SEQUENCE, series);
+    evidence
 }

@@ -1,16 +1,16 @@
 //! Findings as a measurement report: places in the patient with what a reader wrote about them (PS3.16 TID 1500).
 
-use std::collections::HashSet;
-
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 use geometry::{flat_area_of, length_of};
 use glam::DVec3;
 
 use super::common::{Head, IMPLEMENTATION_CLASS_UID, WriteError, file};
+use super::content::{coded, content, related, text};
 use super::item::{Code, Item};
-use super::key_object::{Listed, of_each_series};
-use crate::dicom::marks::{Mark, Side, code};
+use super::key_object::{Listed, evidence_of};
+use crate::dicom::code;
+use crate::dicom::marks::{Mark, Side};
 
 const CLASS: &str = uids::COMPREHENSIVE3_DSR_STORAGE;
 
@@ -59,49 +59,33 @@ pub fn measurement_report(head: &Head<'_>, marks: &[Mark]) -> Result<Vec<u8>, Wr
         );
     }
     let groups = marks.iter().map(|mark| group(mark, frame_of_reference));
-    let measurements = container(
-        "CONTAINS",
-        code::IMAGING_MEASUREMENTS,
-        None,
-        groups.collect(),
-    );
+    let mut measurements = related("CONTAINS");
+    measurements.container(code::IMAGING_MEASUREMENTS, None, groups);
     let language = coded("HAS CONCEPT MOD", code::LANGUAGE, code::ENGLISH);
     let observer = coded("HAS OBS CONTEXT", code::OBSERVER_TYPE, code::DEVICE);
     let mut device = content("HAS OBS CONTEXT", "UIDREF", code::DEVICE_OBSERVER_UID);
     device.text(tags::UID, VR::UI, IMPLEMENTATION_CLASS_UID);
     let procedure = coded("HAS CONCEPT MOD", code::PROCEDURE_REPORTED, code::MR);
-    item.text(tags::VALUE_TYPE, VR::CS, "CONTAINER")
-        .codes(
-            tags::CONCEPT_NAME_CODE_SEQUENCE,
-            &[code::IMAGING_MEASUREMENT_REPORT],
-        )
-        .text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
-        .items(tags::CONTENT_TEMPLATE_SEQUENCE, [template("1500")])
-        .items(
-            tags::CONTENT_SEQUENCE,
-            [language, observer, device, procedure, measurements],
-        );
+    item.container(
+        code::IMAGING_MEASUREMENT_REPORT,
+        Some("1500"),
+        [language, observer, device, procedure, measurements],
+    );
     file(item, CLASS, head.instance_uid)
 }
 
 /// The images of the source, each once; `None` if they are not known.
 fn evidence(head: &Head<'_>, study: &str) -> Option<Item> {
     let series = head.of_source("SeriesInstanceUID")?;
-    let mut seen = HashSet::new();
-    let images = head.source.instances.iter();
-    let images = images.filter(|image| seen.insert(&image.sop_instance_uid));
-    let listed: Vec<_> = images
+    let listed: Vec<_> = head
+        .images()
         .map(|image| Listed {
             series_uid: series.to_owned(),
             sop_class_uid: image.sop_class_uid.clone(),
             sop_instance_uid: image.sop_instance_uid.clone(),
         })
         .collect();
-    let mut evidence = Item::new();
-    evidence
-        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
-        .items(tags::REFERENCED_SERIES_SEQUENCE, of_each_series(&listed));
-    (!listed.is_empty()).then_some(evidence)
+    (!listed.is_empty()).then(|| evidence_of(study, &listed))
 }
 
 /// The measurement group of a finding.
@@ -148,7 +132,9 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
     if mark.is_dismissed {
         items.push(word(code::STATE, code::DISMISSED));
     }
-    container("CONTAINS", code::MEASUREMENT_GROUP, Some("1410"), items)
+    let mut group = related("CONTAINS");
+    group.container(code::MEASUREMENT_GROUP, Some("1410"), items);
+    group
 }
 
 /// Where it is: the brain, and its side if that is left or right.
@@ -220,31 +206,6 @@ fn number(name: Code<'_>, value: f64, unit: Code<'_>) -> Item {
     item
 }
 
-fn container(
-    relation: &str,
-    name: Code<'_>,
-    template_number: Option<&str>,
-    items: Vec<Item>,
-) -> Item {
-    let mut item = content(relation, "CONTAINER", name);
-    item.text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
-        .items(tags::CONTENT_SEQUENCE, items);
-    if let Some(number) = template_number {
-        item.items(tags::CONTENT_TEMPLATE_SEQUENCE, [template(number)]);
-    }
-    item
-}
-
-fn template(number: &str) -> Item {
-    let mut template = Item::new();
-    template.text(tags::MAPPING_RESOURCE, VR::CS, "DCMR").text(
-        tags::TEMPLATE_IDENTIFIER,
-        VR::CS,
-        number,
-    );
-    template
-}
-
 /// A word of ours: its value is its meaning.
 fn word(name: Code<'_>, value: &str) -> Item {
     let value = Code {
@@ -253,27 +214,6 @@ fn word(name: Code<'_>, value: &str) -> Item {
         meaning: value,
     };
     coded("CONTAINS", name, value)
-}
-
-fn coded(relation: &str, name: Code<'_>, value: Code<'_>) -> Item {
-    let mut item = content(relation, "CODE", name);
-    item.codes(tags::CONCEPT_CODE_SEQUENCE, &[value]);
-    item
-}
-
-fn text(relation: &str, name: Code<'_>, value: &str) -> Item {
-    let mut item = content(relation, "TEXT", name);
-    item.text(tags::TEXT_VALUE, VR::UT, value);
-    item
-}
-
-/// A content item without its value.
-fn content(relation: &str, value_type: &str, name: Code<'_>) -> Item {
-    let mut item = Item::new();
-    item.text(tags::RELATIONSHIP_TYPE, VR::CS, relation)
-        .text(tags::VALUE_TYPE, VR::CS, value_type)
-        .codes(tags::CONCEPT_NAME_CODE_SEQUENCE, &[name]);
-    item
 }
 
 #[cfg(test)]

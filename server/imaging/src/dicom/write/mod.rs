@@ -7,6 +7,7 @@
 //! Source: the DICOM standard, part 3, A.8.1, A.35.4, A.35.13, A.45.1 and A.51, at <https://www.dicomstandard.org>.
 
 mod common;
+mod content;
 mod encapsulated;
 mod item;
 mod key_object;
@@ -16,7 +17,7 @@ mod segmentation;
 mod syntax;
 mod uid;
 
-pub(in crate::dicom) use common::file_meta;
+pub(in crate::dicom) use common::written;
 pub use common::{Head, IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME, WriteError};
 pub use encapsulated::encapsulated_pdf;
 pub(in crate::dicom) use item::Code;

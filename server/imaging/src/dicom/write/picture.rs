@@ -3,23 +3,12 @@
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
 
-use super::common::{Head, WriteError, file};
-use super::item::Code;
+use super::common::{Head, WriteError, file, source_image};
+use crate::dicom::code::{self, Code};
 
 /// How pictures of the isosurface are made: no voxel is resampled, so they are a rendering of a surface, and a curved
 /// cut through the volume at the same time (CID 7203).
-const DERIVATION: [Code; 2] = [
-    Code {
-        value: "113075",
-        scheme: "DCM",
-        meaning: "Surface rendering",
-    },
-    Code {
-        value: "113073",
-        scheme: "DCM",
-        meaning: "Curved multiplanar reformatting",
-    },
-];
+const DERIVATION: [Code; 2] = [code::SURFACE_RENDERING, code::CURVED_REFORMATTING];
 
 /// A picture.
 #[derive(Debug)]
@@ -93,7 +82,8 @@ pub fn picture(head: &Head<'_>, picture: Picture) -> Result<Vec<u8>, WriteError>
         .shorts(tags::BITS_STORED, &[8])
         .shorts(tags::HIGH_BIT, &[7])
         .shorts(tags::PIXEL_REPRESENTATION, &[0]);
-    let sources = head.source_images();
+    let sources = head.images().map(|image| source_image(image, None));
+    let sources: Vec<_> = sources.collect();
     if !sources.is_empty() {
         item.items(tags::SOURCE_IMAGE_SEQUENCE, sources);
     }

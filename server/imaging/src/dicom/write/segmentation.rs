@@ -4,46 +4,17 @@ use std::ops::Range;
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
-use geometry::{Grid, Mask};
+use geometry::{Grid, Mask, as_position};
 use glam::DVec3;
 
-use super::common::{Head, WriteError, cut, file, reference, source_image};
-use super::item::{Code, Item};
+use super::common::{Head, WriteError, cut, each_once, file, reference, source_image};
+use super::item::Item;
 use super::uid::uid_of;
+use crate::dicom::code;
 use crate::dicom::marks::{SEGMENT_CREATOR, SEGMENT_MARK};
 use crate::dicom::{Instance, Mark};
 
 const CLASS: &str = uids::SEGMENTATION_STORAGE;
-
-const SEGMENTATION: Code<'_> = Code {
-    value: "113076",
-    scheme: "DCM",
-    meaning: "Segmentation",
-};
-
-const ANATOMICAL_STRUCTURE: Code<'_> = Code {
-    value: "123037004",
-    scheme: "SCT",
-    meaning: "Anatomical Structure",
-};
-
-const BRAIN: Code<'_> = Code {
-    value: "12738006",
-    scheme: "SCT",
-    meaning: "Brain",
-};
-
-const SPATIAL_CONCEPT: Code<'_> = Code {
-    value: "309825002",
-    scheme: "SCT",
-    meaning: "Spatial and Relational Concept",
-};
-
-const SELECTED_REGION: Code<'_> = Code {
-    value: "111099",
-    scheme: "DCM",
-    meaning: "Selected region",
-};
 
 /// The most characters of the label of a segment.
 const MAX_LABEL: usize = 64;
@@ -130,7 +101,7 @@ pub fn segmentation(
         .text(tags::CONTENT_LABEL, VR::CS, about.content_label)
         .text(tags::CONTENT_DESCRIPTION, VR::LO, about.description)
         .text(tags::CONTENT_CREATOR_NAME, VR::PN, "")
-        .codes(tags::DERIVATION_CODE_SEQUENCE, &[SEGMENTATION])
+        .codes(tags::DERIVATION_CODE_SEQUENCE, &[code::SEGMENTATION])
         .shorts(tags::SAMPLES_PER_PIXEL, &[1])
         .text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "MONOCHROME2")
         .text(
@@ -194,12 +165,8 @@ impl Frames {
     fn add(&mut self, segment: u32, mask: &Mask, native: &Grid) {
         let [columns, rows, _] = native.size();
         let mask_from_native = mask.grid().voxel_from_patient() * native.patient_from_voxel();
-        let size = mask.grid().size();
         let is_inside = |voxel: [usize; 3]| {
-            let voxel = DVec3::from_array(voxel.map(|index| index as f64));
-            let at = mask_from_native.transform_point3(voxel).round().to_array();
-            let within = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f64;
-            (0..3).all(within) && mask.voxels()[mask.grid().index(at.map(|index| index as usize))]
+            mask.contains(mask_from_native.transform_point3(as_position(voxel)))
         };
         let per_slice = columns * rows;
         let [x, y, z] = ranges(mask, native);
@@ -259,8 +226,8 @@ fn described(number: u16, segment: &Segment<'_>) -> Item {
         Algorithm::Manual => ("MANUAL", None),
     };
     let (category, property) = match segment.property {
-        Property::Brain => (ANATOMICAL_STRUCTURE, BRAIN),
-        Property::SelectedRegion => (SPATIAL_CONCEPT, SELECTED_REGION),
+        Property::Brain => (code::ANATOMICAL_STRUCTURE, code::BRAIN),
+        Property::SelectedRegion => (code::SPATIAL_CONCEPT, code::SELECTED_REGION),
     };
     // A backslash would separate two values.
     let label = segment.label.replace('\\', "/");
@@ -314,11 +281,9 @@ fn put_dimensions(item: &mut Item, head: &Head<'_>) {
 
 /// The images to which the frames refer, each once (Common Instance Reference).
 fn put_series(item: &mut Item, head: &Head<'_>, slices: &[Option<&Instance>], found: &Frames) {
-    let mut seen = std::collections::HashSet::new();
     let used = found.slices.iter();
     let used = used.filter_map(|&(_, slice)| slices.get(slice).copied().flatten());
-    let used = used.filter(|instance| seen.insert(&instance.sop_instance_uid));
-    let references: Vec<_> = used.map(reference).collect();
+    let references: Vec<_> = each_once(used).map(reference).collect();
     let series = head.of_source("SeriesInstanceUID");
     if let Some(series) = series.filter(|_| !references.is_empty()) {
         let mut referenced = Item::new();
@@ -376,7 +341,7 @@ fn frame_groups(
         let mut derivation = Item::new();
         derivation
             .items(tags::SOURCE_IMAGE_SEQUENCE, [source])
-            .codes(tags::DERIVATION_CODE_SEQUENCE, &[SEGMENTATION]);
+            .codes(tags::DERIVATION_CODE_SEQUENCE, &[code::SEGMENTATION]);
         groups.items(tags::DERIVATION_IMAGE_SEQUENCE, [derivation]);
     }
     groups

@@ -4,7 +4,7 @@ use dicom_dictionary_std::uids;
 use dicom_object::from_reader;
 
 use super::WriteError;
-use super::common::file_meta;
+use super::common::written;
 
 /// A result in Implicit VR Little Endian.
 ///
@@ -14,16 +14,11 @@ use super::common::file_meta;
 /// [`WriteError::Encoding`] if it is damaged.
 pub fn implicit_file(file: &[u8]) -> Result<Vec<u8>, WriteError> {
     let object = from_reader(file).map_err(|_| WriteError::Encoding)?;
-    let meta = file_meta()
-        .transfer_syntax(uids::IMPLICIT_VR_LITTLE_ENDIAN)
-        .media_storage_sop_class_uid(&object.meta().media_storage_sop_class_uid)
-        .media_storage_sop_instance_uid(&object.meta().media_storage_sop_instance_uid)
-        .build()
-        .map_err(|_| WriteError::Encoding)?;
-    let mut bytes = Vec::with_capacity(file.len());
-    let object = object.into_inner().with_exact_meta(meta);
-    object
-        .write_all(&mut bytes)
-        .map_err(|_| WriteError::Encoding)?;
-    Ok(bytes)
+    let meta = object.meta().clone();
+    let [class, instance] = [
+        &meta.media_storage_sop_class_uid,
+        &meta.media_storage_sop_instance_uid,
+    ];
+    let syntax = uids::IMPLICIT_VR_LITTLE_ENDIAN;
+    written(object.into_inner(), syntax, [class, instance])
 }

@@ -19,7 +19,7 @@ fn frame(worker: &mut GpuWorker, job: &GpuJob) -> Frame {
 }
 
 fn splat(job: &GpuJob) -> Frame {
-    draw_splat(&job.case.scene(), &job.request)
+    draw_splat(&job.case.scene(), &job.request, &|| true).unwrap()
 }
 
 /// The same picture of the mesh.
@@ -257,7 +257,7 @@ fn the_traced_picture_is_that_of_the_software() {
     for view in NamedView::ALL {
         for depth_mm in [0.0, 4.0, 8.0, 12.0] {
             let job = trace(&case, parameters(view, depth_mm));
-            let software = draw_trace(&case.scene(), &job.request);
+            let software = draw_trace(&case.scene(), &job.request, &|| true).unwrap();
             let apart = share_apart(&frame(&mut worker, &job), &software);
             assert!(apart <= 0.007, "{view:?} {depth_mm}: {apart}");
         }
@@ -288,7 +288,7 @@ fn the_mesh_is_that_of_the_processor() {
             let job = mesh(&trace(&case, parameters), &table);
             let found = frame(&mut worker, &job);
             let facets = Facets::new(table.size, &shrunk);
-            let expected = draw_mesh(&case.scene(), &job.request, facets);
+            let expected = draw_mesh(&case.scene(), &job.request, facets, &|| true).unwrap();
             let apart = share_apart(&found, &expected);
             assert!(
                 apart < 0.01,
@@ -575,7 +575,7 @@ fn a_map_is_that_of_the_cpu_and_so_are_its_positions() {
                     ..parameters(NamedView::Left, depth_mm)
                 },
             );
-            let exact = draw_trace(&case.scene(), &job.request);
+            let exact = draw_trace(&case.scene(), &job.request, &|| true).unwrap();
             let apart = share_apart(&exact, &frame(&mut worker, &job));
             assert!(apart < 0.03, "{disc:?} {depth_mm}: {apart}");
             let hits = worker.attempt(|renderer| renderer.hits(&job)).unwrap();

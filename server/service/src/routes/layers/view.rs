@@ -7,7 +7,8 @@ use case::{
 use cases::dicom::Choice;
 use cases::library::{FlairState, MapsState};
 use cases::pictures::{MAPS_OFF, style_of_layer, style_of_map};
-use pipeline::maps::{MAP_FORMAT, NoMaps, map_unit};
+use pipeline::Undefined;
+use pipeline::maps::{MAP_FORMAT, map_unit};
 use render::{ColorMap, OverlayParameters};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -17,7 +18,7 @@ use super::address_of;
 use http::problem::{AppError, Problem};
 
 /// A layer of a case: a map, which is computed from the case itself, or a volume that was added.
-#[derive(Debug, Clone, Serialize, ToSchema)]
+#[derive(Debug, Clone, Default, Serialize, ToSchema)]
 #[schema(as = Layer)]
 pub struct LayerView {
     /// The id: of a map its name, otherwise 32 hexadecimal digits, the same for the same upload.
@@ -114,7 +115,7 @@ pub struct LayerGrid {
 }
 
 /// The state of a layer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum LayerState {
     /// It is available.
@@ -126,6 +127,7 @@ pub enum LayerState {
     /// This server computes no maps.
     Off,
     /// It waits for a worker.
+    #[default]
     Queued,
     /// A worker prepares it.
     Preparing,
@@ -209,7 +211,7 @@ impl From<&MapsState> for MapsView {
             MapsState::Off => (MapsStateName::Off, Some(MAPS_OFF)),
         };
         let (reason, reason_code) = reason
-            .map(|NoMaps { code, sentence }| (sentence.into_owned(), code.into_owned()))
+            .map(|Undefined { code, sentence }| (sentence.into_owned(), code.into_owned()))
             .unzip();
         Self {
             state,
@@ -232,7 +234,7 @@ impl LayerView {
             reason_code: maps.reason_code.clone(),
             format: Some(MAP_FORMAT),
             volume: format!("/v1/cases/{id}/layers/{}/volume", name.name()),
-            ..Self::empty()
+            ..Self::default()
         }
         .styled(style_of_map(name))
     }
@@ -262,7 +264,7 @@ impl LayerView {
             volume: format!("{}/volume", address_of(layer)),
             created_at: Some(layer.created_at.to_string()),
             closed: layer.closed.map(Closed::name),
-            ..Self::empty()
+            ..Self::default()
         };
         let facts = layer.facts.as_ref();
         let Some(facts) = facts.filter(|_| layer.state == CaseState::Ready) else {
@@ -297,37 +299,6 @@ impl LayerView {
             threshold: style.threshold,
             opacity: Some(style.opacity),
             ..self
-        }
-    }
-
-    fn empty() -> Self {
-        Self {
-            id: String::new(),
-            name: String::new(),
-            kind: LayerKind::Map,
-            unit: String::new(),
-            state: LayerState::Queued,
-            reason: None,
-            reason_code: None,
-            closed: None,
-            error: None,
-            window: None,
-            colormap: None,
-            threshold: None,
-            opacity: None,
-            contrast: None,
-            of_layer: None,
-            format: None,
-            placement: None,
-            transform: None,
-            range: None,
-            clipped_voxels: None,
-            grid: None,
-            labels: Vec::new(),
-            sequence: None,
-            volume: String::new(),
-            created_at: None,
-            dicom: None,
         }
     }
 }

@@ -78,12 +78,7 @@ pub async fn get_layer_volume(
 ) -> Result<Response, AppError> {
     let layer = chosen(&cases, &id, &path).await?;
     media_type(&request, &[MEDIA_TYPE])?;
-    let question = Question {
-        id,
-        route: "layers/volume",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "layers/volume", &query, &request);
     let format = Format::compressed(MEDIA_TYPE, &request)
         .variant(variant(&layer))
         .revalidated();
@@ -145,12 +140,7 @@ pub async fn get_layer_nifti(
 ) -> Result<Response, AppError> {
     let layer = chosen(&cases, &id, &path).await?;
     media_type(&request, &[GZIP])?;
-    let question = Question {
-        id,
-        route: "layers/nifti",
-        query: &query,
-        request: &request,
-    };
+    let question = Question::new(id, "layers/nifti", &query, &request);
     let format = Format::of(GZIP).variant(variant(&layer)).revalidated();
     let work = async |_| {
         let (file, name) = match &layer {
