@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
-use case::series::{SeriesUids, Uid};
 use case::JobKind;
+use case::series::{SeriesUids, Uid};
 use cases::runner::{End, Failed, Running, Terms, Work};
 use serde::{Deserialize, Serialize};
 use storage::{NewJob, Spooled};

@@ -164,9 +164,7 @@ fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
     let ours = [DICOM_JSON, "application/json", "application/*", "*/*"];
     match accepts(&accepted_ranges(headers), &ours) {
         true => Ok(()),
-        false => Err(AppError::NotAcceptable {
-            offered: &[DICOM_JSON],
-        }),
+        false => Err(AppError::not_acceptable(&[DICOM_JSON])),
     }
 }
 

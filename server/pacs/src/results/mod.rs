@@ -193,9 +193,10 @@ fn wants_picture(headers: &HeaderMap) -> Result<bool, AppError> {
     if accepts(&ranges, &["image/png", "image/*"]) {
         return Ok(true);
     }
-    Err(AppError::NotAcceptable {
-        offered: &["application/dicom", "image/png"],
-    })
+    Err(AppError::not_acceptable(&[
+        "application/dicom",
+        "image/png",
+    ]))
 }
 
 /// The answer with a preview. Captions may be patient data.

@@ -142,7 +142,7 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
     let request = request.map(|body| budget.watch(body));
     let mut form = Multipart::from_request(request, &())
         .await
-        .map_err(|_| AppError::UnsupportedMediaType)?;
+        .map_err(|_| AppError::not_a_form())?;
     let (mut volume, mut labels, mut sent) = (None, None, None);
     let mut dicom = DicomParts::default();
     while let Some(field) = incoming.in_time(form.next_field()).await? {
@@ -153,9 +153,9 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
             "dicom" => dicom.add(incoming, field).await?,
             "labels" => {
                 let text = incoming.short(field, MAX_LABELS_BYTES).await?;
-                let text = text.ok_or_else(|| AppError::PartTooLarge {
-                    detail: format!("the part `labels` is larger than {MAX_LABELS_BYTES} bytes"),
-                })?;
+                let too_large =
+                    || format!("the part `labels` is larger than {MAX_LABELS_BYTES} bytes");
+                let text = text.ok_or_else(|| AppError::part_too_large(too_large()))?;
                 set_once(&mut labels, &name, text)?;
             }
             "parameters" => {
@@ -172,9 +172,9 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
     let mut object = sent.unwrap_or_default();
     let options = take_options(&mut object)?;
     let sent = from_json(serde_json::Value::Object(object));
-    let labels = String::from_utf8(labels.unwrap_or_default()).map_err(|_| AppError::Upload {
-        kind: "labels-unreadable",
-        detail: "the part `labels` is not UTF-8 text".to_owned(),
+    let labels = String::from_utf8(labels.unwrap_or_default());
+    let labels = labels.map_err(|_| {
+        AppError::bad_request("labels-unreadable", "the part `labels` is not UTF-8 text")
     })?;
     Ok(Received {
         volume: only_one(volume, dicom.into_directory())?,

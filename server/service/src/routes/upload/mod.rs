@@ -113,25 +113,20 @@ pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Respons
 }
 
 fn not_of_nifti() -> AppError {
-    AppError::Upload {
-        kind: "parameters-unreadable",
-        detail:
-            "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM"
-                .to_owned(),
-    }
+    let detail =
+        "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM";
+    AppError::bad_request("parameters-unreadable", detail)
 }
 
 fn not_of_dicom() -> AppError {
-    AppError::Upload {
-        kind: "parameters-unreadable",
-        detail: "`affine` is only accepted for NIfTI files; `volume` is DICOM".to_owned(),
-    }
+    let detail = "`affine` is only accepted for NIfTI files; `volume` is DICOM";
+    AppError::bad_request("parameters-unreadable", detail)
 }
 
 /// Rejects a request before its body is read, if possible.
 fn refuse_early(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
     if !is_form(headers) {
-        return Err(AppError::UnsupportedMediaType);
+        return Err(AppError::not_a_form());
     }
     refuse_too_large(headers, limit_bytes)
 }
@@ -152,7 +147,7 @@ pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<
         text(headers, header::CONTENT_LENGTH).and_then(|length| length.parse().ok());
     let limit_of_form = limit_bytes.saturating_add(super::FORM_OVERHEAD_BYTES);
     if length.is_some_and(|length| length > limit_of_form) {
-        return Err(AppError::TooLarge { limit_bytes });
+        return Err(AppError::too_large(limit_bytes));
     }
     Ok(())
 }
