@@ -11,6 +11,7 @@ use case::{CaseId, CaseState, Failure, JobKind, JobState, LayerId, ObjectKind};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use storage::{Job, ObjectName};
+use utoipa::ToSchema;
 
 /// Reads a series that came.
 pub(crate) const SERIES: JobKind = JobKind::new("series", "reading");
@@ -60,23 +61,25 @@ words! {
     }
 }
 
-/// How somebody took a series, whatever the rules for series make of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// How a series is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Taken {
+    /// What the series becomes.
     #[serde(rename = "as")]
     pub(crate) kind: TakenAs,
-    /// Whether missing slices are interpolated.
+    /// Whether missing slices are interpolated. Default: false.
     #[serde(default)]
     pub(crate) allow_gaps: bool,
 }
 
 /// What a series becomes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum TakenAs {
+    /// A case.
     Case,
-    /// A layer of the case of its study.
+    /// A layer of the case that a link to its study opens.
     Layer,
 }
 
