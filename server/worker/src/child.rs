@@ -8,17 +8,16 @@ use std::process::ExitCode;
 
 use imaging::Limits;
 use imaging::dicom::{
-    self, DicomError, Identity, Options, Purpose, SeriesName, convert, fingerprint, identify,
+    self, Attributes, DicomError, Identity, Options, Purpose, SeriesName, convert, fingerprint,
+    identify,
 };
 use rustix::process::{Resource, Rlimit, setrlimit};
 
 use crate::confine::{Directory, Instead, Needs, confine, said};
 use crate::files::{FilesBelow, Place};
 use crate::headers::MAX_FILE_BYTES;
-use crate::message::{
-    HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
-    VOLUME,
-};
+use crate::message::{HeaderOrder, Order, SeriesOrder, Stated, StoredOrder, Summary, VOLUME};
+use crate::outcome::OUTCOME;
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
@@ -118,14 +117,14 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
         }
     };
     let outcome = match instead {
-        Some(code) => Outcome::Refused(said(code(&confinement))),
+        Some(code) => Stated::Refused(said(code(&confinement))),
         None => match read(order, place) {
             Ok((volume, summary)) => {
                 io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
                 volume_file.write_all(&volume)?;
-                Outcome::Read(Box::new(summary))
+                Stated::Read(summary)
             }
-            Err(error) => Outcome::Refused(refusal(&error)),
+            Err(error) => Stated::Refused(refusal(&error)),
         },
     };
     outcome_file.write_all(&serde_json::to_vec(&outcome)?)
@@ -152,10 +151,7 @@ fn read_header<T>(
     confine(&Needs::default());
     let found =
         read_file(file, MAX_FILE_BYTES).and_then(|file| read(&file, order.start, output.as_mut()));
-    Ok(match found {
-        Ok(found) => Stated::Read(found),
-        Err(error) => Stated::Refused(refusal(&error)),
-    })
+    Ok(stated(found))
 }
 
 fn header(file: &[u8], room: u64, output: Option<&mut File>) -> Result<Identity, DicomError> {
@@ -205,21 +201,18 @@ fn read_stored(order: &StoredOrder) -> io::Result<()> {
         reads: Some(reads),
         ..Needs::default()
     });
-    let outcome = match stored(order) {
-        Ok(outcome) => outcome,
-        Err(error) => StoredOutcome::Refused(refusal(&error)),
-    };
-    outcome_file.write_all(&serde_json::to_vec(&outcome)?)
+    outcome_file.write_all(&serde_json::to_vec(&stated(attributes(order)))?)
 }
 
 /// Reads the files of the current directory.
-fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
+fn attributes(order: &StoredOrder) -> Result<Vec<Attributes>, DicomError> {
     let read = |number: usize| {
         let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
         read_file(file, order.max_file_bytes)
     };
-    let each = (0..order.count).map(|number| dicom::attributes(&read(number)?));
-    Ok(StoredOutcome::Read(each.collect::<Result<_, _>>()?))
+    (0..order.count)
+        .map(|number| dicom::attributes(&read(number)?))
+        .collect()
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits.
@@ -270,6 +263,10 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
         unread: converted.unread,
     };
     Ok((converted.nifti, summary))
+}
+
+fn stated<T>(found: Result<T, DicomError>) -> Stated<T> {
+    found.map_or_else(|error| Stated::Refused(refusal(&error)), Stated::Read)
 }
 
 fn refusal(error: &DicomError) -> Failure {

@@ -10,9 +10,6 @@ use case::{CutFacts, Failure, Parameters, Quality};
 /// The file of the volume, in the output directory.
 pub(crate) const VOLUME: &str = "volume.nii.gz";
 
-/// The file of the [`Outcome`].
-pub(crate) const OUTCOME: &str = "outcome.json";
-
 /// A request, the first line on the standard input of the child, because other users can see a command line.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
@@ -23,7 +20,7 @@ pub(crate) enum Order {
     Header(HeaderOrder),
     /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
     Marks(HeaderOrder),
-    /// Read the attributes of stored files.
+    /// Read the attributes of stored files; a [`Stated`] in a file answers it, and each of the orders to read a series or to prepare.
     Stored(StoredOrder),
     Prepare(Box<PrepareOrder>),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
@@ -63,14 +60,6 @@ pub(crate) struct StoredOrder {
     pub(crate) seconds: u64,
 }
 
-/// What was read of stored files.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(crate) enum StoredOutcome {
-    Read(Vec<Attributes>),
-    Refused(Failure),
-}
-
 /// Which file to read the header of.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -86,7 +75,7 @@ pub(crate) struct HeaderOrder {
     pub(crate) seconds: u64,
 }
 
-/// The answer about a file.
+/// The answer to an order.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(crate) enum Stated<T> {
@@ -120,14 +109,6 @@ pub(crate) struct SeriesOrder {
     pub(crate) max_input_bytes: u64,
     /// The limit for CPU time.
     pub(crate) seconds: u64,
-}
-
-/// The outcome of a request for a series.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(crate) enum Outcome {
-    Read(Box<Summary>),
-    Refused(Failure),
 }
 
 /// The facts in addition to the volume.
