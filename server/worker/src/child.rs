@@ -8,15 +8,14 @@ use std::process::ExitCode;
 
 use imaging::Limits;
 use imaging::dicom::{
-    self, Attributes, DicomError, Identity, Options, Purpose, SeriesName, convert, fingerprint,
-    identify,
+    self, Attributes, Converted, DicomError, Identity, convert, fingerprint, identify,
 };
 use rustix::process::{Resource, Rlimit, setrlimit};
 
 use crate::confine::{Directory, Instead, Needs, confine, said};
 use crate::files::{FilesBelow, Place};
 use crate::headers::MAX_FILE_BYTES;
-use crate::message::{HeaderOrder, Order, SeriesOrder, Stated, StoredOrder, Summary, VOLUME};
+use crate::message::{HeaderOrder, Order, SeriesOrder, Stated, StoredOrder, VOLUME};
 use crate::outcome::OUTCOME;
 use case::{Failure, FailureKind};
 
@@ -119,10 +118,10 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
     let outcome = match instead {
         Some(code) => Stated::Refused(said(code(&confinement))),
         None => match read(order, place) {
-            Ok((volume, summary)) => {
+            Ok(converted) => {
                 io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
-                volume_file.write_all(&volume)?;
-                Stated::Read(summary)
+                volume_file.write_all(&converted.nifti)?;
+                Stated::Read(converted)
             }
             Err(error) => Stated::Refused(refusal(&error)),
         },
@@ -236,33 +235,13 @@ fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> 
     at_most(Resource::Nproc, 0)
 }
 
-fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomError> {
+fn read(order: &SeriesOrder, place: Place) -> Result<Converted, DicomError> {
     let mut files = FilesBelow::open(place, order.max_input_bytes)?;
-    let options = Options {
-        series: order.series.as_deref().and_then(SeriesName::parse),
-        allow_gaps: order.allow_gaps,
-        purpose: match order.is_layer {
-            true => Purpose::Layer,
-            false => Purpose::Case,
-        },
-        deidentifies: order.deidentifies,
-        form: None,
-    };
     let limits = Limits {
         max_voxels: order.max_voxels,
         ..Limits::default()
     };
-    let converted = convert(&mut files, &options, &limits)?;
-    let summary = Summary {
-        attributes: converted.attributes,
-        series: converted.series,
-        is_t1: converted.is_t1,
-        others: converted.others,
-        ignored_files: converted.ignored_files,
-        images: converted.images,
-        unread: converted.unread,
-    };
-    Ok((converted.nifti, summary))
+    convert(&mut files, &order.options, &limits)
 }
 
 fn stated<T>(found: Result<T, DicomError>) -> Stated<T> {

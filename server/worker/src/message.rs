@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Fingerprint, SeriesSummary, UnreadFile};
+use imaging::dicom::Options;
 use serde::{Deserialize, Serialize};
 
 use case::{CutFacts, Failure, Parameters, Quality};
@@ -97,11 +97,7 @@ pub(crate) struct SeriesOrder {
     pub(crate) output: PathBuf,
     /// The number of zero bytes to write before the volume.
     pub(crate) room: u64,
-    pub(crate) series: Option<String>,
-    pub(crate) allow_gaps: bool,
-    pub(crate) is_layer: bool,
-    /// Whether the images are named as they are without the identity of the patient.
-    pub(crate) deidentifies: bool,
+    pub(crate) options: Options,
     pub(crate) max_voxels: usize,
     /// The limit for memory.
     pub(crate) memory_bytes: u64,
@@ -109,19 +105,4 @@ pub(crate) struct SeriesOrder {
     pub(crate) max_input_bytes: u64,
     /// The limit for CPU time.
     pub(crate) seconds: u64,
-}
-
-/// The facts in addition to the volume.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Summary {
-    pub(crate) attributes: Attributes,
-    pub(crate) series: SeriesSummary,
-    pub(crate) is_t1: bool,
-    pub(crate) others: Vec<SeriesSummary>,
-    pub(crate) ignored_files: usize,
-    /// The images of the series, by their UIDs.
-    #[serde(default)]
-    pub(crate) images: Vec<(String, Fingerprint)>,
-    pub(crate) unread: Vec<UnreadFile>,
 }

@@ -10,7 +10,7 @@ use case::images::{Fingerprint, Image};
 use case::series::Uid;
 use case::{Failure, FailureKind};
 use imaging::Limits;
-use imaging::dicom::{Attributes, MOST_LISTED, Options, Purpose, SeriesSummary, UnreadFile};
+use imaging::dicom::{Attributes, Converted, MOST_LISTED, Options, SeriesSummary, UnreadFile};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
@@ -18,7 +18,7 @@ use tempfile::TempDir;
 use crate::confine::Confinement;
 use crate::error::Error;
 use crate::memory::{ChildMemory, series_bytes};
-use crate::message::{Order, SeriesOrder, Stated, Summary, VOLUME};
+use crate::message::{Order, SeriesOrder, Stated, VOLUME};
 use crate::outcome::{MAX_TEXT, is_sound, read_outcome};
 use crate::program::{Program, cannot_run, was_interrupted};
 use crate::reading::{Choice, Input, Reading};
@@ -93,10 +93,7 @@ impl SeriesReader {
             input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
             room: Spooled::START,
-            series: options.series.as_ref().map(|name| name.as_str().to_owned()),
-            allow_gaps: options.allow_gaps,
-            is_layer: options.purpose == Purpose::Layer,
-            deidentifies: options.deidentifies,
+            options: options.clone(),
             max_voxels: self.limits.max_voxels,
             memory_bytes,
             max_input_bytes: self.max_input_bytes,
@@ -180,10 +177,10 @@ pub(crate) fn outcome<T: DeserializeOwned>(
 
 /// The files of a child.
 fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading, Failure> {
-    let summary = outcome(status, &output, ("DICOM files", MAX_OUTCOME_BYTES))?;
+    let converted = outcome(status, &output, ("DICOM files", MAX_OUTCOME_BYTES))?;
     let largest = 4 * limits.max_voxels as u64 + (1 << 20);
     check_file(&output.path().join(VOLUME), Spooled::START + largest)?;
-    reading(output, summary)
+    reading(output, converted)
 }
 
 /// Whether the child left one regular file, not too large.
@@ -209,8 +206,8 @@ pub(crate) fn checked_failure(failure: Failure) -> Failure {
     if fits { failure } else { died() }
 }
 
-fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
-    let Summary {
+fn reading(output: TempDir, converted: Converted) -> Result<Reading, Failure> {
+    let Converted {
         attributes,
         series,
         is_t1,
@@ -218,7 +215,8 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
         ignored_files,
         images,
         unread,
-    } = summary;
+        ..
+    } = converted;
     let all = std::iter::once(&series).chain(&others);
     let are_plain = all.clone().all(is_plain) && are_plain_files(&unread);
     if !are_plain || !are_texts(&attributes) {
