@@ -13,7 +13,6 @@ use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
 
-use crate::address::StudyPath;
 use crate::identity::InstanceIdentity;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
@@ -85,7 +84,7 @@ pub(crate) async fn store_study(
 /// As `POST /dicomweb/studies`; images of other studies are not stored.
 #[utoipa::path(
     post, path = "/dicomweb/studies/{study}", tag = "pacs",
-    params(StudyPath),
+    params(("study" = String, Path, description = "The Study Instance UID")),
     request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
     responses(
         (status = 200, description = "All images are stored", content_type = "application/dicom+json"),
@@ -102,10 +101,10 @@ pub(crate) async fn store_study(
 )]
 pub(crate) async fn store_in_study(
     State(pacs): State<Pacs>,
-    Path(path): Path<StudyPath>,
+    Path(study): Path<String>,
     request: Request,
 ) -> Result<Response, AppError> {
-    match Uid::parse(&path.study) {
+    match Uid::parse(&study) {
         Some(study) => store(&pacs, Some(study), request).await,
         None => Err(AppError::not_found(
             "not-a-uid",
