@@ -8,7 +8,7 @@ use access::auth::Access;
 use http::metrics::{Figure, Metrics};
 use pacs::dimse::{AssociationCounts, Rejection};
 use pacs::{Pacs, PacsStore};
-use storage::{Store, failures, upkeep};
+use storage::{Count, Store, failures, upkeep};
 
 /// The clock ticks of `/proc` in a second, the same on every Linux.
 const TICKS: f64 = 100.0;
@@ -145,17 +145,17 @@ fn associations(counts: &AssociationCounts) -> Vec<Figure> {
 
 /// What the store counts in memory.
 fn counts(store: &Store) -> Vec<Figure> {
-    let counters = store.signals().counters();
+    let counted = |event| store.signals().counted(event) as f64;
     let failed = failures();
     let preparations = [
-        ("ready", counters.prepared),
-        ("failed", counters.failed),
-        ("retried", counters.retried),
+        ("ready", Count::Prepared),
+        ("failed", Count::Failed),
+        ("retried", Count::Retried),
     ];
     let help = "Preparations of cases and layers by this process, by their end";
     let prepared = Figure::counter("isocortex_preparations", help);
-    let prepared = preparations.iter().fold(prepared, |figure, (end, count)| {
-        figure.with(&[("result", end)], *count as f64)
+    let prepared = preparations.iter().fold(prepared, |figure, &(end, event)| {
+        figure.with(&[("result", end)], counted(event))
     });
     let bad = Figure::counter("isocortex_bad_objects", "Objects found missing or damaged");
     let missing = Figure::counter(
@@ -169,9 +169,9 @@ fn counts(store: &Store) -> Vec<Figure> {
     );
     vec![
         prepared,
-        bad.with(&[], counters.bad_objects as f64),
-        missing.with(&[], counters.missing_sources as f64),
-        rebuilt.with(&[], counters.rebuilds as f64),
+        bad.with(&[], counted(Count::BadObject)),
+        missing.with(&[], counted(Count::MissingSource)),
+        rebuilt.with(&[], counted(Count::Rebuild)),
         failures
             .with(&[("part", "database")], failed.database as f64)
             .with(&[("part", "objects")], failed.objects as f64),
