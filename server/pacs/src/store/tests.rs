@@ -182,10 +182,10 @@ async fn an_inspection_reads_the_images_of_a_pacs() {
     std::fs::write(file_of(&directory, &names[0]), b"damaged").unwrap();
     std::fs::remove_file(file_of(&directory, &names[1])).unwrap();
     let mut findings = inspected(store.store()).await;
-    findings.sort_by_key(|finding| matches!(finding, Defect::DamagedOfTables(_)));
+    findings.sort_by_key(|finding| matches!(finding, Defect::Damaged(..)));
     let expected = [
-        Defect::MissingOfTables(names[1]),
-        Defect::DamagedOfTables(names[0]),
+        Defect::Missing(None, names[1]),
+        Defect::Damaged(None, names[0]),
     ];
     assert_eq!(findings, expected);
 }
