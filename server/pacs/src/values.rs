@@ -109,20 +109,24 @@ impl From<&NewInstance> for ObjectName {
     }
 }
 
-/// What a rejection note has rejected of a series, until it is lifted.
-#[derive(Debug, Clone, PartialEq)]
+/// What a rejection note has rejected of a series. Its UIDs are patient data.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Rejection)]
 pub(crate) struct Rejected {
-    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    /// Its name in addresses.
     pub(crate) id: String,
-    pub(crate) uids: SeriesUids,
-    /// How many instances of the series.
-    pub(crate) instances: usize,
-    /// Whether an instance counts again when it comes again.
+    /// The Study Instance UID.
+    pub(crate) study: String,
+    /// The Series Instance UID.
+    pub(crate) series: String,
+    /// How many images.
+    pub(crate) images: usize,
+    /// Whether an image counts again when it comes again: it was rejected because it had been kept long enough (113039).
     pub(crate) may_return: bool,
-    /// Who has sent the note, as far as that is known.
+    /// Who has sent the note: a token, a user, the title of a peer, or a node.
     pub(crate) by: String,
-    /// When the note came.
-    pub(crate) at: Timestamp,
+    /// When it came (RFC 3339).
+    pub(crate) at: String,
 }
 
 /// What became of an image.
