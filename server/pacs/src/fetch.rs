@@ -172,7 +172,7 @@ struct Images<'a> {
 impl Images<'_> {
     async fn read(&mut self, node: &WebNode) -> Result<(), TransferError> {
         let (boundary, body) = node.series(self.uids).await?;
-        let mut parts = Parts::new(body, &boundary, *self.pacs.limits());
+        let mut parts = Parts::new(body, &boundary, self.pacs.options().uploads);
         while let Some(kind) = parts.next().await? {
             if !is_dicom(kind.as_deref()) {
                 parts.skip().await?;

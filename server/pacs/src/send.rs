@@ -70,7 +70,7 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError>
             "isocortex",
         )
     };
-    let audit = pacs.audit();
+    let audit = &pacs.options().audit;
     let allowed = audit.record(event(Outcome::Allowed)).await;
     allowed.map_err(|_| {
         let text = "the audit record of the server cannot be written";

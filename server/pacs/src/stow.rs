@@ -116,7 +116,7 @@ pub(crate) async fn store_in_study(
 async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Response, AppError> {
     let boundary = boundary(request.headers())?;
     refuse_other_answers(request.headers())?;
-    let limits = pacs.limits();
+    let limits = &pacs.options().uploads;
     if let Some(length) = request.body().size_hint().upper()
         && length > limits.max_bytes
     {
@@ -234,7 +234,7 @@ impl Images<'_> {
 
     /// Takes an object that is no image, of which nothing is kept.
     async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
-        if !self.pacs.ignores_other_objects() {
+        if !self.pacs.options().ignores_other_objects {
             self.failed(&identity, &Refusal::ANOTHER_CLASS);
             return Ok(());
         }

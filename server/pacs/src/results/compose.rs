@@ -131,7 +131,7 @@ impl Composer {
             }
         };
         let made_at = outline.made_at.unwrap_or(case.created_at);
-        let moment = Moment::of(made_at, &source, pacs.time_zone());
+        let moment = Moment::of(made_at, &source, pacs.options().time_zone.as_ref());
         let made_by = [outline.made_by.clone(), format!("{moment:?}")].concat();
         let composer = Self {
             digest: digest(&case, asked, &source, &made_by),
