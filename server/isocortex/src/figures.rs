@@ -26,11 +26,10 @@ pub(crate) type CertificateEnds = Arc<Mutex<Vec<(&'static str, SystemTime)>>>;
 /// Adds when certificates and tokens end.
 pub(crate) fn add_ends(metrics: &Metrics, access: &Access, certificates: &CertificateEnds) {
     let (access, certificates) = (access.clone(), Arc::clone(certificates));
-    metrics.add_source(Arc::new(move || {
+    metrics.add(move || {
         let certificates = certificates.lock().unwrap_or_else(PoisonError::into_inner);
-        let figures = ends(access.next_end(), &certificates);
-        Box::pin(async { figures })
-    }));
+        ends(access.next_end(), &certificates)
+    });
 }
 
 fn ends(token: Option<SystemTime>, certificates: &[(&'static str, SystemTime)]) -> Vec<Figure> {
@@ -54,22 +53,18 @@ fn since_1970(time: SystemTime) -> f64 {
 /// Adds whether events can be recorded.
 pub(crate) fn add_audit(metrics: &Metrics, audit: &Audit) {
     let audit = audit.clone();
-    metrics.add_source(Arc::new(move || {
+    metrics.add(move || {
         let help = "Whether the audit record cannot be written";
         let full = Figure::gauge("isocortex_audit_full", help);
-        let full = full.with(&[], f64::from(u8::from(audit.is_full())));
-        Box::pin(async { vec![full] })
-    }));
+        vec![full.with(&[], f64::from(u8::from(audit.is_full())))]
+    });
 }
 
 /// Adds the figures of the process and of the store.
 pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
-    metrics.add_source(Arc::new(|| Box::pin(async { of_process() })));
+    metrics.add(of_process);
     let counted = store.clone();
-    metrics.add_source(Arc::new(move || {
-        let store = counted.clone();
-        Box::pin(async move { counts(&store) })
-    }));
+    metrics.add(move || counts(&counted));
     // The database may hang: what is counted in memory is a source of its own.
     let store = store.clone();
     metrics.add_source(Arc::new(move || {
@@ -81,19 +76,13 @@ pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
 /// Adds the figures of the nodes of a PACS, and of what it has sent.
 pub(crate) fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
     let pacs = pacs.clone();
-    metrics.add_source(Arc::new(move || {
-        let pacs = pacs.clone();
-        Box::pin(async move { vec![nodes(&pacs), images(&pacs)] })
-    }));
+    metrics.add(move || vec![nodes(&pacs), images(&pacs)]);
 }
 
 /// Adds the figures of the listener for C-STORE.
 pub(crate) fn add_associations(metrics: &Metrics, counts: &Arc<AssociationCounts>) {
     let counts = Arc::clone(counts);
-    metrics.add_source(Arc::new(move || {
-        let counts = Arc::clone(&counts);
-        Box::pin(async move { associations(&counts) })
-    }));
+    metrics.add(move || associations(&counts));
 }
 
 fn nodes(pacs: &Pacs) -> Figure {
