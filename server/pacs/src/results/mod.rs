@@ -25,12 +25,9 @@ use crate::error::ReasonView;
 use crate::rendered::media::{accepted_ranges, accepts};
 use crate::state::Pacs;
 use crate::values::{NewResult, NotValid, SentResult};
-use http::fresh::fresh_json;
+use http::fresh::{fresh_json, made_at};
 use http::problem::AppError;
 use http::sent::json_body;
-
-/// Seconds to wait before the first request for the state.
-const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// A result that is sent to a node, or was.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -158,13 +155,7 @@ pub(crate) async fn create_result(
     let queued = queue(&pacs, new, file).await?;
     store.withdraw(&withdrawn).await?;
     let address = format!("/v1/dicom-results/{}", queued.id);
-    let mut response = fresh_json(StatusCode::ACCEPTED, &ResultView::from(queued));
-    let headers = response.headers_mut();
-    if let Ok(address) = HeaderValue::from_str(&address) {
-        headers.insert(header::LOCATION, address);
-    }
-    headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    Ok(response)
+    Ok(made_at(&address, true, &ResultView::from(queued)))
 }
 
 async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, AppError> {

@@ -2,7 +2,6 @@
 
 use axum::extract::multipart::Multipart;
 use axum::extract::{FromRequest as _, Request, State};
-use axum::http::{StatusCode, header};
 use axum::response::Response;
 use case::{Contrast, LayerKind, LayerParameters, Transform};
 use cases::dicom::{Options, Purpose};
@@ -13,13 +12,12 @@ use utoipa::ToSchema;
 
 use super::form::{only_one, read_parameters, set_once, take_options, unknown_part_of, unreadable};
 use super::parts::{DicomParts, Incoming};
-use super::{RETRY_SECONDS, refuse_early};
+use super::refuse_early;
 use crate::routes::asked::CasePath;
 use crate::routes::layers::{LayerView, address_of};
 use crate::state::Uploads;
-use http::conditional;
 use http::form_body::HeaderBudget;
-use http::fresh::fresh_json;
+use http::fresh::made_at;
 use http::problem::AppError;
 use http::query::{ApiQuery, NoQuery};
 use http::sent::from_json;
@@ -114,19 +112,9 @@ pub async fn create_layer(
         parameters,
     };
     let (added, choice) = cases.add_layer(new).await?;
-    let status = match added.created {
-        true => StatusCode::ACCEPTED,
-        false => StatusCode::OK,
-    };
     let address = address_of(&added.layer);
     let view = LayerView::of_layer(&added.layer).choosing(choice);
-    let mut response = fresh_json(status, &view);
-    let headers = response.headers_mut();
-    conditional::insert(headers, header::LOCATION, &address);
-    if added.created {
-        headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    }
-    Ok(response)
+    Ok(made_at(&address, added.created, &view))
 }
 
 /// A form, read to its end.

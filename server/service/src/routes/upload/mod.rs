@@ -4,9 +4,8 @@ mod form;
 pub mod layer;
 mod parts;
 
-use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use cases::Cases;
 use cases::dicom::Choice;
@@ -16,15 +15,11 @@ use utoipa::ToSchema;
 use self::form::Form;
 use super::cases::{CaseView, address_of};
 use crate::state::Uploads;
-use http::conditional;
-use http::fresh::fresh_json;
+use http::fresh::made_at;
 use http::problem::AppError;
 use http::query::{ApiQuery, NoQuery};
 
 pub(super) use self::parts::Incoming;
-
-/// Seconds to wait before the first request for a new case.
-const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// The parts of an upload.
 #[derive(Debug, ToSchema)]
@@ -96,20 +91,9 @@ pub async fn create_case(
 
 /// The answer with a case and the choice among DICOM files: 202 if the case is new.
 pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Response {
-    let status = if submitted.created {
-        StatusCode::ACCEPTED
-    } else {
-        StatusCode::OK
-    };
     let address = address_of(&submitted.case.id);
-    let mut response: Response<Body> =
-        fresh_json(status, &CaseView::from(submitted.case).choosing(choice));
-    let headers = response.headers_mut();
-    conditional::insert(headers, header::LOCATION, &address);
-    if submitted.created {
-        headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    }
-    response
+    let view = CaseView::from(submitted.case).choosing(choice);
+    made_at(&address, submitted.created, &view)
 }
 
 fn not_of_nifti() -> AppError {
