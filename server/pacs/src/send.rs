@@ -39,7 +39,7 @@ impl Work for SendResult {
         let Some(result) = pacs.store().result(id).await? else {
             return Ok(End::Done);
         };
-        let (case, node) = (result.case.short(), result.node.as_str());
+        let (case, node) = (result.what.case.short(), result.what.node.as_str());
         let sent = recorded(pacs, &result).await;
         match &sent {
             Ok(()) => tracing::info!(result = id, case, node, "a result was sent"),
@@ -61,8 +61,8 @@ fn store_failed<E>(_: E) -> TransferError {
 async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
     let event = |outcome| Event {
         outcome,
-        to: Some(result.node.as_str().into()),
-        case: Some(result.case.to_string().into()),
+        to: Some(result.what.node.as_str().into()),
+        case: Some(result.what.case.to_string().into()),
         ..Event::new(
             EventKind::InstancesTransferred,
             Action::Read,
@@ -90,11 +90,11 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError>
 }
 
 async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
-    let node = pacs.node(&result.node).ok_or_else(|| {
+    let node = pacs.node(&result.what.node).ok_or_else(|| {
         let text = "no node of the configuration has this name any more";
         TransferError::lasting("no-such-node", text)
     })?;
-    let file = pacs.cases().store().object(&result.object).await;
+    let file = pacs.cases().store().object(&result.what.object()).await;
     let file = file.map_err(|error| match error {
         // What is not found now may be back in a moment.
         Unreadable::Store(_) | Unreadable::Missing => store_failed(error),
@@ -104,18 +104,18 @@ async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
         }
     })?;
     may_leave(pacs, result).await?;
-    Ok(node.store(&result.instance, &file).await?)
+    Ok(node.store(&result.what.instance, &file).await?)
 }
 
 /// Refuses a result of a case whose series or study the PACS has as another patient's. A rejection note may leave all the same: it withdraws
 /// what was sent of the wrong patient. What is closed or withdrawn was refused when the job was claimed.
 async fn may_leave(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
-    if result.series.sop_class_uid.as_str() == REJECTION_NOTE {
+    if result.what.series.sop_class_uid.as_str() == REJECTION_NOTE {
         return Ok(());
     }
     let arrivals = pacs.arrivals();
-    let named = arrivals.patient_of(result.object);
-    let found = arrivals.contradiction(&result.case, &result.study, named);
+    let named = arrivals.patient_of(result.what.object());
+    let found = arrivals.contradiction(&result.what.case, &result.what.study, named);
     match found.await.map_err(store_failed)? {
         None => Ok(()),
         Some(why) => Err(TransferError::lasting(SEVERAL_PATIENTS, why)),

@@ -398,18 +398,7 @@ impl NotValid {
 pub(crate) struct SentResult {
     /// Its name in addresses: 32 hexadecimal digits without a meaning.
     pub(crate) id: String,
-    /// The case that it was made from.
-    pub(crate) case: CaseId,
-    /// The name of the node.
-    pub(crate) node: String,
-    pub(crate) study: Uid,
-    pub(crate) series: ResultSeries,
-    /// The result.
-    pub(crate) instance: Uid,
-    /// The object with its file.
-    pub(crate) object: ObjectName,
-    /// The layers of the case that it shows, or may show.
-    pub(crate) layers: Vec<LayerId>,
+    pub(crate) what: NewResult,
     /// When it was first requested.
     pub(crate) created_at: Timestamp,
     /// Why it does not count any more.

@@ -67,10 +67,10 @@ impl From<SentResult> for ResultView {
         let failure = job.and_then(|job| job.failure.clone());
         Self {
             id: result.id,
-            case: result.case,
-            node: result.node,
-            study: result.study.as_str().to_owned(),
-            instance: result.instance.as_str().to_owned(),
+            case: result.what.case,
+            node: result.what.node,
+            study: result.what.study.as_str().to_owned(),
+            instance: result.what.instance.as_str().to_owned(),
             state: state.name(),
             not_valid: result.not_valid.map(NotValid::name),
             reason: failure

@@ -273,13 +273,13 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     assert_eq!(
         (
             sent.job.as_ref().unwrap().state,
-            sent.case,
-            sent.node.as_str()
+            sent.what.case,
+            sent.what.node.as_str()
         ),
         (JobState::Done, case, "pacs")
     );
     assert_eq!(
-        &to.store().object(&sent.object).await.unwrap()[..],
+        &to.store().object(&sent.what.object()).await.unwrap()[..],
         b"a result"
     );
     assert_eq!(files_below(&there.path().join("uploads")).len(), 0);
