@@ -10,9 +10,9 @@ use imaging::Limits;
 use imaging::dicom::{
     self, Attributes, Converted, DicomError, Identity, convert, fingerprint, identify,
 };
-use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::process::Resource;
 
-use crate::confine::{Directory, Instead, Needs, confine, said};
+use crate::confine::{Directory, Instead, Needs, confine, said, set_limits};
 use crate::files::{FilesBelow, Place};
 use crate::headers::MAX_FILE_BYTES;
 use crate::message::{HeaderOrder, Order, SeriesOrder, Stated, StoredOrder, VOLUME};
@@ -216,23 +216,17 @@ fn attributes(order: &StoredOrder) -> Result<Vec<Attributes>, DicomError> {
 
 /// From here on, the kernel ends this process if it exceeds its limits.
 fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
-    let at_most = |resource, most: u64| {
-        let limit = Rlimit {
-            current: Some(most),
-            maximum: Some(most),
-        };
-        setrlimit(resource, limit).map_err(io::Error::from)
-    };
-    at_most(Resource::As, memory)?;
-    at_most(Resource::Cpu, seconds)?;
-    at_most(Resource::Nofile, OPEN_FILES)?;
-    at_most(
-        Resource::Fsize,
-        BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
-    )?;
-    // A core file would contain images of a patient.
-    at_most(Resource::Core, 0)?;
-    at_most(Resource::Nproc, 0)
+    let file_bytes = BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels));
+    let limits = [
+        (Resource::As, memory),
+        (Resource::Cpu, seconds),
+        (Resource::Nofile, OPEN_FILES),
+        (Resource::Fsize, file_bytes),
+        // A core file would contain images of a patient.
+        (Resource::Core, 0),
+        (Resource::Nproc, 0),
+    ];
+    set_limits(&limits.map(|(resource, most)| (resource, most, most)))
 }
 
 fn read(order: &SeriesOrder, place: Place) -> Result<Converted, DicomError> {
