@@ -245,14 +245,11 @@ impl Images<'_> {
         let by = &self.holder.name;
         let reference = identity.clone();
         let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
-        if identity.rejection.is_some() && !may_reject {
-            arrivals.refuse_rejection(identity, source, by).await?;
-            self.failed(&reference, &Refusal::MAY_NOT_REJECT);
-            return Ok(());
+        let noted = arrivals.note(identity, (source, by), may_reject).await?;
+        match noted {
+            Ok(status) => self.report.ignored(&reference, status),
+            Err(refusal) => self.failed(&reference, &refusal),
         }
-        let is_known = arrivals.ignore(identity, source, by).await?;
-        self.report
-            .ignored(&reference, is_known.then_some(Status::Corrected));
         Ok(())
     }
 
@@ -269,10 +266,9 @@ impl Images<'_> {
                 let study = identity.uids.study.as_str().to_owned();
                 *self.stored.0.entry(study).or_default() += 1;
             }
-            match reception {
-                Reception::New | Reception::Known => self.report.stored(identity, None),
-                Reception::Corrected => self.report.stored(identity, Some(Status::Corrected)),
-                Reception::Refused => self.failed(identity, &Refusal::NOT_BETTER),
+            match reception.status() {
+                Ok(status) => self.report.stored(identity, status),
+                Err(refusal) => self.failed(identity, &refusal),
             }
         }
         Ok(())
@@ -353,10 +349,10 @@ impl Report {
     }
 
     /// An image, with a warning reason (PS3.18 table I.2-1) if it took the place of another one.
-    fn stored(&mut self, identity: &InstanceIdentity, warning: Option<Status>) {
+    fn stored(&mut self, identity: &InstanceIdentity, status: Status) {
         let mut item = reference(identity);
-        if let Some(reason) = warning {
-            item["00081196"] = element("US", reason as u16);
+        if status == Status::Corrected {
+            item["00081196"] = element("US", status as u16);
             self.has_warnings = true;
         }
         // Nothing can be retrieved from here.
@@ -365,9 +361,9 @@ impl Report {
     }
 
     /// An object of which nothing is kept, as if it were stored.
-    fn ignored(&mut self, identity: &InstanceIdentity, warning: Option<Status>) {
+    fn ignored(&mut self, identity: &InstanceIdentity, status: Status) {
         self.ignored += 1;
-        self.stored(identity, warning);
+        self.stored(identity, status);
         if let Some(item) = self.stored.last_mut() {
             let said = identity.rejection.as_ref().map_or(IGNORED, |_| NOTED);
             item["00000902"] = element("LO", error_comment(said));
