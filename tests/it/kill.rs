@@ -12,7 +12,7 @@ use cases::jobs::start_workers;
 use cases::models::{Models, WarmModel};
 use geometry::phantom::head;
 use pipeline::Source;
-use storage::{CaseQuery, Listed, Options, Store};
+use storage::{CaseQuery, Count, Listed, Options, Store};
 
 /// The directory of the store that a victim is to open.
 const DIRECTORY: &str = "ISOCORTEX_KILL_DIRECTORY";
@@ -152,7 +152,7 @@ async fn assert_whole(library: &Library) {
             CaseState::Failed => panic!("{:?}", case.failure),
         }
     }
-    assert_eq!(library.store().signals().counters().bad_objects, 0);
+    assert_eq!(library.store().signals().counted(Count::BadObject), 0);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -217,5 +217,5 @@ async fn assert_same_as_undisturbed(directory: &Path, kills: u32) {
         let [here, there] = [model(&survived, &id).await, model(&peaceful, &id).await];
         assert!(here.model() == there.model(), "{tenths}");
     }
-    assert_eq!(survived.store().signals().counters().rebuilds, 0);
+    assert_eq!(survived.store().signals().counted(Count::Rebuild), 0);
 }

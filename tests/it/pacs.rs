@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime};
 
-use ::pacs::dimse::{self, DimseOptions, NotStored, Peer, StorageNode};
+use ::pacs::dimse::{self, DimseOptions, Peer, StorageNode};
+use ::pacs::node::NodeError;
 use ::pacs::{ArrivalOptions, ImageStatus, start_series_reader};
 use axum::body::Body;
 use axum::http::Request;
@@ -425,7 +426,7 @@ async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alon
         node.store(&note.to_vec().into()).await
     };
     let refused = store(refusing, &retention).await;
-    assert_eq!(refused, Err(NotStored::Status(0x0124)));
+    assert_eq!(refused, Err(NodeError::Failed(0x0124)));
     assert_eq!(launched().await, case);
     let counted = neighbour.server.pacs.store().images();
     for (source, count) in [("stow", 2), ("c-store", 1)] {

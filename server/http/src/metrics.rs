@@ -174,6 +174,14 @@ impl Metrics {
         }
     }
 
+    /// Adds figures that can be read at once, whenever the metrics are asked for.
+    pub fn add(&self, figures: impl Fn() -> Vec<Figure> + Send + Sync + 'static) {
+        self.add_source(Arc::new(move || {
+            let figures = figures();
+            Box::pin(async { figures })
+        }));
+    }
+
     /// Adds figures, which are read whenever the metrics are asked for. Those of a source that hangs are left out.
     pub fn add_source(&self, source: Source) {
         let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);

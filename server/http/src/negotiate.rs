@@ -107,7 +107,7 @@ fn gzip(bytes: &[u8], level: u32) -> std::io::Result<Vec<u8>> {
 /// Without `Accept` it is the first. Offers are in lower case.
 ///
 /// # Errors
-/// [`AppError::NotAcceptable`] if none is accepted.
+/// An error if none is accepted.
 pub fn media_type(
     headers: &HeaderMap,
     offered: &'static [&'static str],
@@ -124,7 +124,7 @@ pub fn media_type(
         }
     }
     let best = best.map(|(offer, _)| offer);
-    best.ok_or(AppError::NotAcceptable { offered })
+    best.ok_or_else(|| AppError::not_acceptable(offered))
 }
 
 /// The items of an `Accept` header with their quality, 0 to 1.

@@ -1,6 +1,6 @@
 //! Errors as clients see them: `application/problem+json` (RFC 9457) with a stable `type`.
 
-use std::borrow::Cow;
+use std::fmt::Display;
 
 use axum::Json;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
@@ -41,81 +41,23 @@ pub enum AppError {
     /// An error of the application.
     #[error("{}", .0.sentence())]
     Application(Box<dyn PublicError>),
-    /// A value of the query is invalid.
-    #[error("{} {detail}", named(parameter))]
-    Query {
-        /// Last part of the problem's type.
-        kind: &'static str,
-        /// The key; `.` is the whole body.
-        parameter: Cow<'static, str>,
-        /// What is wrong with it: a sentence that begins with its verb.
-        detail: String,
-    },
-    /// A key of the query is unknown. It is not repeated, because it may be anything, such as the name of a patient.
-    #[error("the query has an unknown key; {known}")]
-    UnknownKey {
-        /// The known keys, in words.
-        known: String,
-    },
-    /// The form of an upload cannot be read.
-    #[error("{detail}")]
-    Upload {
-        /// Last part of the problem's type.
-        kind: &'static str,
-        /// What is wrong, in one sentence.
-        detail: String,
-    },
-    /// The body is not a form.
-    #[error("send the volume as multipart/form-data with a part named `volume`")]
-    UnsupportedMediaType,
-    /// No available media type is accepted.
-    #[error("none of the accepted media types is available; available types: {}", .offered.join(", "))]
-    NotAcceptable {
-        /// The available media types.
-        offered: &'static [&'static str],
-    },
-    /// The body is larger than allowed.
-    #[error("the body is larger than the limit of {limit_bytes} bytes")]
-    TooLarge { limit_bytes: u64 },
-    /// A part of the body is larger than allowed.
-    #[error("{detail}")]
-    PartTooLarge {
-        /// Which, and the limit: one sentence.
-        detail: String,
-    },
-    /// The range lies outside of the body.
-    #[error("the range begins beyond the {length} bytes of this answer")]
-    RangeNotSatisfiable {
-        /// Bytes of the whole body.
-        length: u64,
-    },
-    #[error("this address does not exist; /docs lists all addresses")]
-    NoSuchRoute,
-    /// The address does not accept this method.
-    #[error("this address does not accept this method; /docs lists the accepted methods")]
-    MethodNotAllowed,
-    /// An error of one interface alone.
-    #[error("{detail}")]
-    Other {
-        status: StatusCode,
-        /// Last part of the problem's type.
-        kind: &'static str,
-        /// What is wrong, in one sentence.
-        detail: String,
-        /// The key of the query with the error.
-        parameter: Option<String>,
-        /// The header that belongs to the status.
-        header: Option<Box<(HeaderName, HeaderValue)>>,
-    },
-    /// The answer took too long.
-    #[error("the answer was not ready in time; try again in a moment")]
-    TimedOut,
-    /// The answer took too long, and would again.
-    #[error("{detail}")]
-    TooSlow {
-        /// The limit, and what to do instead: one sentence.
-        detail: String,
-    },
+    /// An error of HTTP, or of one interface alone.
+    #[error("{}", .0.detail)]
+    Request(Box<RequestError>),
+}
+
+/// An error that no application knows.
+#[derive(Debug)]
+pub struct RequestError {
+    status: StatusCode,
+    /// Last part of the problem's type.
+    kind: &'static str,
+    /// What is wrong, in one sentence.
+    detail: String,
+    /// The key of the query, or the place in the body, with the error.
+    parameter: Option<String>,
+    /// The header that belongs to the status.
+    header: Option<(HeaderName, HeaderValue)>,
 }
 
 impl<E: PublicError> From<E> for AppError {
@@ -124,45 +66,25 @@ impl<E: PublicError> From<E> for AppError {
     }
 }
 
-/// The name of the faulty part, in words.
-fn named(parameter: &str) -> String {
-    match parameter {
-        "." => "the body".to_owned(),
-        key => format!("`{key}`"),
-    }
-}
-
 impl AppError {
-    /// An error of one interface alone.
+    /// An error of HTTP, or of one interface alone.
     pub fn new(status: StatusCode, kind: &'static str, detail: impl Into<String>) -> Self {
-        Self::Other {
+        Self::Request(Box::new(RequestError {
             status,
             kind,
             detail: detail.into(),
             parameter: None,
             header: None,
-        }
+        }))
     }
 
     /// The same with a header that belongs to its status.
     #[must_use]
-    pub fn with_header(self, name: HeaderName, value: HeaderValue) -> Self {
-        match self {
-            Self::Other {
-                status,
-                kind,
-                detail,
-                parameter,
-                ..
-            } => Self::Other {
-                status,
-                kind,
-                detail,
-                parameter,
-                header: Some(Box::new((name, value))),
-            },
-            other => other,
+    pub fn with_header(mut self, name: HeaderName, value: HeaderValue) -> Self {
+        if let Self::Request(error) = &mut self {
+            error.header = Some((name, value));
         }
+        self
     }
 
     /// An invalid value of a key of the query; the rule says what it must be.
@@ -179,23 +101,21 @@ impl AppError {
 
     /// The same with the key of the query, or the place in the body, with the error.
     #[must_use]
-    pub fn at(self, place: &str) -> Self {
-        match self {
-            Self::Other {
-                status,
-                kind,
-                detail,
-                header,
-                ..
-            } => Self::Other {
-                status,
-                kind,
-                detail,
-                parameter: Some(place.to_owned()),
-                header,
-            },
-            other => other,
+    pub fn at(mut self, place: impl Into<String>) -> Self {
+        if let Self::Request(error) = &mut self {
+            error.parameter = Some(place.into());
         }
+        self
+    }
+
+    /// What is wrong with a key of the query, or with a place in the body (`.` is the whole body): a sentence that begins with its verb.
+    pub fn invalid(kind: &'static str, place: impl Into<String>, detail: impl Display) -> Self {
+        let place = place.into();
+        let detail = match place.as_str() {
+            "." => format!("the body {detail}"),
+            key => format!("`{key}` {detail}"),
+        };
+        Self::bad_request(kind, detail).at(place)
     }
 
     /// A request that is wrong.
@@ -209,66 +129,85 @@ impl AppError {
     }
 
     /// A value of the query that is out of its range.
-    pub fn out_of_range(parameter: &'static str, detail: impl Into<String>) -> Self {
-        Self::Query {
-            kind: "query-value-out-of-range",
-            parameter: parameter.into(),
-            detail: detail.into(),
-        }
+    pub fn out_of_range(parameter: &'static str, detail: impl Display) -> Self {
+        Self::invalid("query-value-out-of-range", parameter, detail)
     }
 
-    /// The status and the last part of the problem's type.
-    fn status_and_kind(&self) -> (StatusCode, Cow<'static, str>) {
-        let (status, kind) = match self {
-            Self::Application(error) => return (status_of(error.kind()), error.name()),
-            Self::UnknownKey { .. } => (StatusCode::BAD_REQUEST, "query-unknown-key"),
-            Self::Query { kind, .. } | Self::Upload { kind, .. } => {
-                (StatusCode::BAD_REQUEST, *kind)
-            }
-            Self::UnsupportedMediaType => {
-                (StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported-media-type")
-            }
-            Self::NotAcceptable { .. } => (StatusCode::NOT_ACCEPTABLE, "not-acceptable"),
-            Self::TooLarge { .. } | Self::PartTooLarge { .. } => {
-                (StatusCode::PAYLOAD_TOO_LARGE, "body-too-large")
-            }
-            Self::RangeNotSatisfiable { .. } => {
-                (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
-            }
-            Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
-            Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
-            Self::Other { status, kind, .. } => (*status, *kind),
-            Self::TimedOut | Self::TooSlow { .. } => (StatusCode::SERVICE_UNAVAILABLE, "timed-out"),
-        };
-        (status, kind.into())
+    /// The body is not a form.
+    pub fn not_a_form() -> Self {
+        let detail = "send the volume as multipart/form-data with a part named `volume`";
+        let status = StatusCode::UNSUPPORTED_MEDIA_TYPE;
+        Self::new(status, "unsupported-media-type", detail)
     }
 
-    fn parameter(&self) -> Option<String> {
-        match self {
-            Self::Application(error) => error.parameter().map(str::to_owned),
-            Self::Query { parameter, .. } => Some(parameter.to_string()),
-            Self::Other { parameter, .. } => parameter.clone(),
-            _ => None,
-        }
+    /// None of the available media types is accepted.
+    pub fn not_acceptable(offered: &[&str]) -> Self {
+        let offered = offered.join(", ");
+        let detail =
+            format!("none of the accepted media types is available; available types: {offered}");
+        Self::new(StatusCode::NOT_ACCEPTABLE, "not-acceptable", detail)
+    }
+
+    /// The body is larger than allowed.
+    pub fn too_large(limit_bytes: u64) -> Self {
+        let detail = format!("the body is larger than the limit of {limit_bytes} bytes");
+        Self::part_too_large(detail)
+    }
+
+    /// A part of the body is larger than allowed; the detail states which, and the limit.
+    pub fn part_too_large(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::PAYLOAD_TOO_LARGE, "body-too-large", detail)
+    }
+
+    pub fn no_such_route() -> Self {
+        let detail = "this address does not exist; /docs lists all addresses";
+        Self::not_found("no-such-address", detail)
+    }
+
+    /// The address does not accept this method.
+    pub fn method_not_allowed() -> Self {
+        let detail = "this address does not accept this method; /docs lists the accepted methods";
+        let status = StatusCode::METHOD_NOT_ALLOWED;
+        Self::new(status, "method-not-allowed", detail)
+    }
+
+    /// The answer took too long, and would again. The detail states the limit, and what to do instead.
+    pub fn too_slow(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "timed-out", detail)
+    }
+
+    /// The answer took too long.
+    pub fn timed_out() -> Self {
+        Self::too_slow("the answer was not ready in time; try again in a moment")
+            .with_header(header::RETRY_AFTER, RETRY_SECONDS.into())
     }
 
     /// The body of the answer.
     pub fn problem(&self) -> Problem {
-        let (status, kind) = self.status_and_kind();
+        let (status, kind, parameter, reason) = match self {
+            Self::Application(error) => {
+                let parameter = error.parameter().map(str::to_owned);
+                (
+                    status_of(error.kind()),
+                    error.name(),
+                    parameter,
+                    error.reason(),
+                )
+            }
+            Self::Request(error) => (
+                error.status,
+                error.kind.into(),
+                error.parameter.clone(),
+                None,
+            ),
+        };
         Problem {
             kind: format!("{TYPE_PREFIX}{kind}"),
             title: status.canonical_reason().unwrap_or("Error").to_owned(),
             status: status.as_u16(),
             detail: self.to_string(),
-            parameter: self.parameter(),
-            reason: self.reason(),
-        }
-    }
-
-    fn reason(&self) -> Option<String> {
-        match self {
-            Self::Application(error) => error.reason(),
-            _ => None,
+            parameter,
+            reason,
         }
     }
 }
@@ -302,7 +241,7 @@ impl IntoResponse for AppError {
             HeaderValue::from_static("application/problem+json"),
         );
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-        if let Some((name, value)) = extra_header(&self, status) {
+        if let Some((name, value)) = extra_header(self, status) {
             headers.insert(name, value);
         }
         response
@@ -310,29 +249,17 @@ impl IntoResponse for AppError {
 }
 
 /// The header that a status asks for.
-fn extra_header(error: &AppError, status: StatusCode) -> Option<(HeaderName, HeaderValue)> {
-    if let AppError::Application(error) = error
-        && let Some(wait) = error.retry_after()
-    {
-        let seconds = wait.as_secs_f64().round().clamp(1.0, 60.0) as u64;
-        return Some((header::RETRY_AFTER, seconds.into()));
-    }
-    match error {
-        AppError::RangeNotSatisfiable { length } => {
-            let value = HeaderValue::from_str(&format!("bytes */{length}")).ok()?;
-            Some((header::CONTENT_RANGE, value))
-        }
-        AppError::Other {
-            header: Some(header),
-            ..
-        } => Some((**header).clone()),
-        // A repeated request would not help.
-        AppError::TooSlow { .. } => None,
-        _ if status == StatusCode::SERVICE_UNAVAILABLE => {
-            Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
-        }
-        _ => None,
-    }
+fn extra_header(error: AppError, status: StatusCode) -> Option<(HeaderName, HeaderValue)> {
+    let error = match error {
+        AppError::Request(error) => return error.header,
+        AppError::Application(error) => error,
+    };
+    let seconds = match error.retry_after() {
+        Some(wait) => wait.as_secs_f64().round().clamp(1.0, 60.0) as u32,
+        None if status == StatusCode::SERVICE_UNAVAILABLE => RETRY_SECONDS,
+        None => return None,
+    };
+    Some((header::RETRY_AFTER, seconds.into()))
 }
 
 /// Errors of the store are logged here, once; an error of a client appears in the line of its request.
@@ -350,6 +277,7 @@ fn log(error: &AppError) {
 
 #[cfg(test)]
 mod tests {
+    use std::borrow::Cow;
     use std::time::Duration;
 
     use case::Failure;

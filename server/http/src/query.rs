@@ -27,7 +27,7 @@ pub trait Asked: DeserializeOwned {
     /// The values.
     ///
     /// # Errors
-    /// [`AppError::Query`] that names the key.
+    /// An error that names the key.
     fn checked(&self) -> Result<Self::Values, AppError>;
 }
 
@@ -50,7 +50,7 @@ impl<S: Send + Sync, T: Asked> FromRequestParts<S> for ApiQuery<T> {
 /// Reads and checks a query.
 ///
 /// # Errors
-/// [`AppError::Query`] that names the key.
+/// An error that names the key.
 pub fn parse<T: Asked>(text: &str) -> Result<ApiQuery<T>, AppError> {
     let asked: T = from_query(text).map_err(unreadable)?;
     Ok(ApiQuery {
@@ -64,20 +64,16 @@ fn unreadable(error: Error<Refusal>) -> AppError {
     let refusal = error.into_inner();
     let (kind, parameter, detail) = match refusal {
         Refusal::UnknownKey { known } => {
-            return AppError::UnknownKey {
-                known: known_keys(known),
-            };
+            // The key is not repeated, because it may be anything, such as the name of a patient.
+            let detail = format!("the query has an unknown key; {}", known_keys(known));
+            return AppError::bad_request("query-unknown-key", detail);
         }
-        Refusal::KeyTwice { key } => ("query-key-twice", key.into(), "is given twice".to_owned()),
-        Refusal::MissingKey { key } => ("query-key-missing", key.into(), "is missing".to_owned()),
-        _ if path == "depth_mm" => ("depth-not-a-number", path.into(), refusal.to_string()),
-        _ => ("query-value-unreadable", path.into(), refusal.to_string()),
+        Refusal::KeyTwice { key } => ("query-key-twice", key, "is given twice".to_owned()),
+        Refusal::MissingKey { key } => ("query-key-missing", key, "is missing".to_owned()),
+        _ if path == "depth_mm" => ("depth-not-a-number", path.as_str(), refusal.to_string()),
+        _ => ("query-value-unreadable", path.as_str(), refusal.to_string()),
     };
-    AppError::Query {
-        kind,
-        parameter,
-        detail,
-    }
+    AppError::invalid(kind, parameter, detail)
 }
 
 /// The keys of a query, each with its description.

@@ -157,9 +157,7 @@ pub fn json_body_within<T: for<'de> Deserialize<'de>>(
     limit_bytes: usize,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<T, AppError> {
-    let body = body.map_err(|_| AppError::TooLarge {
-        limit_bytes: limit_bytes as u64,
-    })?;
+    let body = body.map_err(|_| AppError::too_large(limit_bytes as u64))?;
     json_text(&body)
 }
 
@@ -168,13 +166,9 @@ pub fn json_body_within<T: for<'de> Deserialize<'de>>(
 /// # Errors
 /// If the text does not describe such a value.
 pub fn json_text<T: for<'de> Deserialize<'de>>(text: &[u8]) -> Result<T, AppError> {
-    let refused = |parameter: String, detail: String| AppError::Query {
-        kind: "body-unreadable",
-        parameter: parameter.into(),
-        detail,
-    };
-    let json = json_value(text).map_err(|detail| refused(".".to_owned(), detail))?;
-    from_json(json).map_err(|(path, refusal)| refused(path, refusal.to_string()))
+    let kind = "body-unreadable";
+    let json = json_value(text).map_err(|detail| AppError::invalid(kind, ".", detail))?;
+    from_json(json).map_err(|(path, refusal)| AppError::invalid(kind, path, refusal))
 }
 
 /// A value from a client.

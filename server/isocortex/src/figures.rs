@@ -8,7 +8,7 @@ use access::auth::Access;
 use http::metrics::{Figure, Metrics};
 use pacs::dimse::{AssociationCounts, Rejection};
 use pacs::{Pacs, PacsStore};
-use storage::{Store, failures, upkeep};
+use storage::{Count, Store, failures, upkeep};
 
 /// The clock ticks of `/proc` in a second, the same on every Linux.
 const TICKS: f64 = 100.0;
@@ -26,11 +26,10 @@ pub(crate) type CertificateEnds = Arc<Mutex<Vec<(&'static str, SystemTime)>>>;
 /// Adds when certificates and tokens end.
 pub(crate) fn add_ends(metrics: &Metrics, access: &Access, certificates: &CertificateEnds) {
     let (access, certificates) = (access.clone(), Arc::clone(certificates));
-    metrics.add_source(Arc::new(move || {
+    metrics.add(move || {
         let certificates = certificates.lock().unwrap_or_else(PoisonError::into_inner);
-        let figures = ends(access.next_end(), &certificates);
-        Box::pin(async { figures })
-    }));
+        ends(access.next_end(), &certificates)
+    });
 }
 
 fn ends(token: Option<SystemTime>, certificates: &[(&'static str, SystemTime)]) -> Vec<Figure> {
@@ -54,22 +53,18 @@ fn since_1970(time: SystemTime) -> f64 {
 /// Adds whether events can be recorded.
 pub(crate) fn add_audit(metrics: &Metrics, audit: &Audit) {
     let audit = audit.clone();
-    metrics.add_source(Arc::new(move || {
+    metrics.add(move || {
         let help = "Whether the audit record cannot be written";
         let full = Figure::gauge("isocortex_audit_full", help);
-        let full = full.with(&[], f64::from(u8::from(audit.is_full())));
-        Box::pin(async { vec![full] })
-    }));
+        vec![full.with(&[], f64::from(u8::from(audit.is_full())))]
+    });
 }
 
 /// Adds the figures of the process and of the store.
 pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
-    metrics.add_source(Arc::new(|| Box::pin(async { of_process() })));
+    metrics.add(of_process);
     let counted = store.clone();
-    metrics.add_source(Arc::new(move || {
-        let store = counted.clone();
-        Box::pin(async move { counts(&store) })
-    }));
+    metrics.add(move || counts(&counted));
     // The database may hang: what is counted in memory is a source of its own.
     let store = store.clone();
     metrics.add_source(Arc::new(move || {
@@ -81,19 +76,13 @@ pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
 /// Adds the figures of the nodes of a PACS, and of what it has sent.
 pub(crate) fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
     let pacs = pacs.clone();
-    metrics.add_source(Arc::new(move || {
-        let pacs = pacs.clone();
-        Box::pin(async move { vec![nodes(&pacs), images(&pacs)] })
-    }));
+    metrics.add(move || vec![nodes(&pacs), images(&pacs)]);
 }
 
 /// Adds the figures of the listener for C-STORE.
 pub(crate) fn add_associations(metrics: &Metrics, counts: &Arc<AssociationCounts>) {
     let counts = Arc::clone(counts);
-    metrics.add_source(Arc::new(move || {
-        let counts = Arc::clone(&counts);
-        Box::pin(async move { associations(&counts) })
-    }));
+    metrics.add(move || associations(&counts));
 }
 
 fn nodes(pacs: &Pacs) -> Figure {
@@ -145,17 +134,17 @@ fn associations(counts: &AssociationCounts) -> Vec<Figure> {
 
 /// What the store counts in memory.
 fn counts(store: &Store) -> Vec<Figure> {
-    let counters = store.signals().counters();
+    let counted = |event| store.signals().counted(event) as f64;
     let failed = failures();
     let preparations = [
-        ("ready", counters.prepared),
-        ("failed", counters.failed),
-        ("retried", counters.retried),
+        ("ready", Count::Prepared),
+        ("failed", Count::Failed),
+        ("retried", Count::Retried),
     ];
     let help = "Preparations of cases and layers by this process, by their end";
     let prepared = Figure::counter("isocortex_preparations", help);
-    let prepared = preparations.iter().fold(prepared, |figure, (end, count)| {
-        figure.with(&[("result", end)], *count as f64)
+    let prepared = preparations.iter().fold(prepared, |figure, &(end, event)| {
+        figure.with(&[("result", end)], counted(event))
     });
     let bad = Figure::counter("isocortex_bad_objects", "Objects found missing or damaged");
     let missing = Figure::counter(
@@ -169,9 +158,9 @@ fn counts(store: &Store) -> Vec<Figure> {
     );
     vec![
         prepared,
-        bad.with(&[], counters.bad_objects as f64),
-        missing.with(&[], counters.missing_sources as f64),
-        rebuilt.with(&[], counters.rebuilds as f64),
+        bad.with(&[], counted(Count::BadObject)),
+        missing.with(&[], counted(Count::MissingSource)),
+        rebuilt.with(&[], counted(Count::Rebuild)),
         failures
             .with(&[("part", "database")], failed.database as f64)
             .with(&[("part", "objects")], failed.objects as f64),

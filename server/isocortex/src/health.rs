@@ -21,8 +21,8 @@ pub(crate) fn routes(store: Store) -> Router {
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/readyz", get(readyz).with_state(store))
         .route("/metrics", get(all).with_state(metrics))
-        .fallback(|| async { AppError::NoSuchRoute })
-        .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
+        .fallback(|| async { AppError::no_such_route() })
+        .method_not_allowed_fallback(|| async { AppError::method_not_allowed() })
 }
 
 async fn readyz(State(store): State<Store>) -> Result<Response, AppError> {

@@ -46,7 +46,7 @@ pub(crate) struct ArrivalView {
     reason: Option<ReasonView>,
     /// How somebody took it, if it had been refused.
     #[serde(skip_serializing_if = "Option::is_none")]
-    taken: Option<TakenView>,
+    taken: Option<Taken>,
     /// The reason for which it was refused before it was taken.
     #[serde(skip_serializing_if = "Option::is_none")]
     refused: Option<ReasonView>,
@@ -74,54 +74,6 @@ pub(crate) struct ArrivalView {
     last_at: String,
 }
 
-/// How a series is taken.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(as = Taken)]
-pub(crate) struct TakenView {
-    /// What the series becomes.
-    #[serde(rename = "as")]
-    kind: KindView,
-    /// Whether missing slices are interpolated. Default: false.
-    #[serde(default)]
-    allow_gaps: bool,
-}
-
-/// What a series becomes.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-#[schema(as = TakenAs)]
-enum KindView {
-    /// A case.
-    Case,
-    /// A layer of the case that a link to its study opens.
-    Layer,
-}
-
-impl From<TakenView> for Taken {
-    fn from(view: TakenView) -> Self {
-        Self {
-            kind: match view.kind {
-                KindView::Case => TakenAs::Case,
-                KindView::Layer => TakenAs::Layer,
-            },
-            allow_gaps: view.allow_gaps,
-        }
-    }
-}
-
-impl From<Taken> for TakenView {
-    fn from(taken: Taken) -> Self {
-        Self {
-            kind: match taken.kind {
-                TakenAs::Case => KindView::Case,
-                TakenAs::Layer => KindView::Layer,
-            },
-            allow_gaps: taken.allow_gaps,
-        }
-    }
-}
-
 impl From<Arrival> for ArrivalView {
     fn from(arrival: Arrival) -> Self {
         Self {
@@ -132,7 +84,7 @@ impl From<Arrival> for ArrivalView {
             source: arrival.source.name(),
             label: arrival.label,
             reason: arrival.reason.map(Into::into),
-            taken: arrival.taken.map(Into::into),
+            taken: arrival.taken,
             refused: arrival.refused.map(Into::into),
             case: arrival.case,
             instances: arrival.instances,
@@ -300,7 +252,7 @@ async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, AppError> {
 #[utoipa::path(
     post, path = "/v1/arrivals/{id}", tag = "pacs",
     params(("id" = String, Path, description = "The arrival")),
-    request_body = TakenView,
+    request_body = Taken,
     responses(
         (status = 202, description = "The series, which is read as soon as all its images are there", body = ArrivalView),
         (status = 400, description = "The body cannot be read"),
@@ -313,8 +265,7 @@ pub(crate) async fn take_arrival(
     Path(id): Path<String>,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    let wanted: TakenView = json_body(body)?;
-    let wanted = Taken::from(wanted);
+    let wanted: Taken = json_body(body)?;
     let found = arrival(&pacs, &id).await?;
     let conflict = |kind, detail| Err(AppError::new(StatusCode::CONFLICT, kind, detail));
     let state = found.state;

@@ -13,7 +13,7 @@ use crate::state::Pacs;
 pub fn start_transfers(pacs: Pacs) -> Runner {
     let store = pacs.cases().store().clone();
     let mut lanes: Vec<Vec<Arc<dyn Work>>> = Vec::new();
-    if !pacs.nodes().is_empty() {
+    if !pacs.options().nodes.is_empty() {
         lanes.push(vec![Arc::new(FetchSeries(pacs.clone()))]);
         lanes.push(vec![Arc::new(SendResult(pacs))]);
     }

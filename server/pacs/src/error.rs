@@ -1,16 +1,8 @@
 //! Errors of a PACS as clients see them.
 
 use case::Failure;
-use http::problem::AppError;
 
-use crate::multipart::MultipartError;
 use crate::node::NodeError;
-
-impl From<MultipartError> for AppError {
-    fn from(error: MultipartError) -> Self {
-        Self::bad_request("body-unreadable", error.to_string())
-    }
-}
 
 /// A failure that is kept with an arrival or a retrieval, as clients see it.
 #[derive(Debug, Clone, serde::Serialize, utoipa::ToSchema)]

@@ -3,15 +3,14 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use case::JobKind;
 use case::series::{SeriesUids, Uid};
-use case::{Failure, JobKind};
-use cases::Error;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use serde::{Deserialize, Serialize};
-use storage::{NewJob, Spooled, StoreError};
+use storage::{NewJob, Spooled};
 
 use crate::identity::InstanceIdentity;
-use crate::node::{Node, NodeError, WebNode};
+use crate::node::{Node, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::refusal::{Refusal, Refusals};
 use crate::state::Pacs;
@@ -110,75 +109,19 @@ impl Work for FetchSeries {
     }
 }
 
-/// Why a series was not fetched.
-#[derive(Debug, thiserror::Error)]
-enum FetchError {
-    #[error("no node of the configuration has this name and a `url` any more")]
-    NoSuchNode,
-    #[error(transparent)]
-    Node(#[from] NodeError),
-    #[error(transparent)]
-    Parts(#[from] PartsError),
-    #[error(transparent)]
-    Cases(#[from] Error),
-    #[error("the node sent nothing that is an MR or CT image of this series")]
-    NoImages,
-    #[error("none of the {0} images of the node is kept: better ones came with their UIDs before")]
-    Refused(usize),
-    #[error("the node sent {received} of {expected} images")]
-    Incomplete { received: usize, expected: usize },
+/// The node sent nothing that can be used.
+fn no_images() -> TransferError {
+    let text = "the node sent nothing that is an MR or CT image of this series";
+    TransferError::lasting("no-images", text)
 }
 
-impl From<StoreError> for FetchError {
-    fn from(error: StoreError) -> Self {
-        Error::from(error).into()
-    }
-}
-
-impl TransferError for FetchError {
-    fn of_node(&self) -> Option<NodeError> {
-        match self {
-            Self::Node(error) => Some(*error),
-            _ => None,
-        }
-    }
-
-    fn may_pass(&self) -> bool {
-        match self {
-            Self::Node(error) => error.may_pass(),
-            Self::Parts(PartsError::TooLarge(_))
-            | Self::NoSuchNode
-            | Self::NoImages
-            | Self::Refused(_) => false,
-            Self::Cases(Error::Failure(_)) => false,
-            Self::Parts(_) | Self::Cases(_) | Self::Incomplete { .. } => true,
-        }
-    }
-
-    fn into_failure(self) -> Failure {
-        let kind = match &self {
-            Self::NoSuchNode => "no-such-node",
-            Self::Node(error) => error.kind(),
-            Self::Parts(_) | Self::Incomplete { .. } => "node-failed",
-            Self::NoImages | Self::Refused(_) => "no-images",
-            Self::Cases(_) => "retrieval-failed",
-        };
-        // Messages of the store may contain paths.
-        let detail = match &self {
-            Self::Cases(_) | Self::Parts(PartsError::Store(_)) => {
-                "the images could not be stored; the log of the server has the details".to_owned()
-            }
-            other => other.to_string(),
-        };
-        Failure::unusable(kind, detail)
-    }
-}
-
-async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<(), FetchError> {
-    let wanted = wanted.ok_or(FetchError::NoSuchNode)?;
-    let node = pacs.node(&wanted.node).and_then(Node::web);
-    let node = node.ok_or(FetchError::NoSuchNode)?;
-    let uids = wanted.uids().ok_or(FetchError::NoImages)?;
+async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<(), TransferError> {
+    let node = wanted.and_then(|wanted| pacs.node(&wanted.node));
+    let (Some(wanted), Some(node)) = (wanted, node.and_then(Node::web)) else {
+        let text = "no node of the configuration has this name and a `url` any more";
+        return Err(TransferError::lasting("no-such-node", text));
+    };
+    let uids = wanted.uids().ok_or_else(no_images)?;
     let expected = node.count(&uids).await?;
     let mut images = Images {
         pacs,
@@ -192,11 +135,17 @@ async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<()
     images.read(node).await?;
     let (received, refused) = (images.received, images.refusals.count());
     match expected {
-        _ if received == 0 => return Err(FetchError::NoImages),
+        _ if received == 0 => return Err(no_images()),
         Some(expected) if received < expected => {
-            return Err(FetchError::Incomplete { received, expected });
+            let text = format!("the node sent {received} of {expected} images");
+            return Err(TransferError::passing("node-failed", text));
         }
-        _ if refused == received => return Err(FetchError::Refused(refused)),
+        _ if refused == received => {
+            let text = format!(
+                "none of the {refused} images of the node is kept: better ones came with their UIDs before"
+            );
+            return Err(TransferError::lasting("no-images", text));
+        }
         _ => {}
     }
     // All that the node has is here: the series need not wait.
@@ -221,9 +170,9 @@ struct Images<'a> {
 }
 
 impl Images<'_> {
-    async fn read(&mut self, node: &WebNode) -> Result<(), FetchError> {
+    async fn read(&mut self, node: &WebNode) -> Result<(), TransferError> {
         let (boundary, body) = node.series(self.uids).await?;
-        let mut parts = Parts::new(body, &boundary, *self.pacs.limits());
+        let mut parts = Parts::new(body, &boundary, self.pacs.options().uploads);
         while let Some(kind) = parts.next().await? {
             if !is_dicom(kind.as_deref()) {
                 parts.skip().await?;
@@ -243,7 +192,7 @@ impl Images<'_> {
         self.flush().await
     }
 
-    async fn flush(&mut self) -> Result<(), FetchError> {
+    async fn flush(&mut self) -> Result<(), TransferError> {
         let batch = std::mem::take(&mut self.batch);
         let count = batch.len();
         if count > 0 {

@@ -336,7 +336,7 @@ async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
         None if !matches.without_case.is_empty() => without_case(&matches.without_case),
         None => coming(pacs, &asked.queries).await?,
     };
-    let is_shown = pacs.shows_patient();
+    let is_shown = pacs.options().shows_patient;
     let heads = matches.heads.iter().map(|head| candidate(head, is_shown));
     found.candidates = heads.collect();
     if found.state == "choice" {
@@ -463,7 +463,11 @@ async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, AppE
         }
     }
     if let [SeriesQuery::Study(study, Some(series))] = queries {
-        let nodes = pacs.nodes().iter().filter(|node| node.web().is_some());
+        let nodes = pacs
+            .options()
+            .nodes
+            .iter()
+            .filter(|node| node.web().is_some());
         found.nodes = nodes.map(|node| node.name().to_owned()).collect();
         found.study = Some(study.as_str().to_owned());
         found.series = Some(series.as_str().to_owned());

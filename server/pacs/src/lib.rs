@@ -1,6 +1,5 @@
 #![doc = include_str!("../README.md")]
 
-mod address;
 mod arrivals;
 mod background;
 pub mod dimse;

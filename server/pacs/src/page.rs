@@ -27,10 +27,10 @@ pub(crate) struct PacsView {
 pub(crate) async fn get_pacs(State(pacs): State<Pacs>) -> Response {
     // Without an identity, neither results nor a banner can be made.
     let has_identity = pacs.needs_identity().is_ok();
-    let nodes = pacs.nodes().iter().filter(|_| has_identity);
+    let nodes = pacs.options().nodes.iter().filter(|_| has_identity);
     let view = PacsView {
         nodes: nodes.map(|node| node.name().into()).collect(),
-        patient_banner: has_identity && pacs.shows_patient(),
+        patient_banner: has_identity && pacs.options().shows_patient,
     };
     fresh_json(StatusCode::OK, &view)
 }

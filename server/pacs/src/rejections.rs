@@ -15,45 +15,11 @@ use http::problem::AppError;
 /// The most rejections of an answer.
 const MOST: usize = 200;
 
-/// What a rejection note has rejected of a series. Its UIDs are patient data.
-#[derive(Debug, Clone, Serialize, ToSchema)]
-#[schema(as = Rejection)]
-struct RejectionView {
-    /// Its name in addresses.
-    id: String,
-    /// The Study Instance UID.
-    study: String,
-    /// The Series Instance UID.
-    series: String,
-    /// How many images.
-    images: usize,
-    /// Whether an image counts again when it comes again: it was rejected because it had been kept long enough (113039).
-    may_return: bool,
-    /// Who has sent the note: a token, a user, the title of a peer, or a node.
-    by: String,
-    /// When it came (RFC 3339).
-    at: String,
-}
-
-impl From<Rejected> for RejectionView {
-    fn from(rejected: Rejected) -> Self {
-        Self {
-            id: rejected.id,
-            study: rejected.uids.study.as_str().to_owned(),
-            series: rejected.uids.series.as_str().to_owned(),
-            images: rejected.instances,
-            may_return: rejected.may_return,
-            by: rejected.by,
-            at: rejected.at.to_string(),
-        }
-    }
-}
-
 /// The latest rejections.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub(crate) struct RejectionList {
     /// Newest first, 200 at most.
-    rejections: Vec<RejectionView>,
+    rejections: Vec<Rejected>,
 }
 
 /// List what was rejected
@@ -65,9 +31,8 @@ pub(crate) struct RejectionList {
     responses((status = 200, description = "The latest rejections", body = RejectionList)),
 )]
 pub(crate) async fn list_rejections(State(pacs): State<Pacs>) -> Result<Response, AppError> {
-    let rejections = pacs.store().rejections(MOST).await?;
     let list = RejectionList {
-        rejections: rejections.into_iter().map(Into::into).collect(),
+        rejections: pacs.store().rejections(MOST).await?,
     };
     Ok(fresh_json(StatusCode::OK, &list))
 }

@@ -3,7 +3,7 @@
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{Path, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::StatusCode;
 use axum::response::Response;
 use case::series::{SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, JobState};
@@ -16,12 +16,9 @@ use crate::error::ReasonView;
 use crate::fetch::{FETCH, Received, Wanted};
 use crate::state::Pacs;
 use crate::values::ArrivalState;
-use http::fresh::fresh_json;
+use http::fresh::{fresh_json, made_at};
 use http::problem::AppError;
 use http::sent::json_body;
-
-/// Seconds to wait before the first request for the state.
-const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// A series to be fetched.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -134,13 +131,7 @@ pub(crate) async fn queue(
     let job = job.ok_or(cases::Error::Internal)?;
     let address = format!("/v1/retrievals/{}", job.id);
     let view = view(pacs, job).await?;
-    let mut response = fresh_json(StatusCode::ACCEPTED, &view);
-    let headers = response.headers_mut();
-    if let Ok(address) = HeaderValue::from_str(&address) {
-        headers.insert(header::LOCATION, address);
-    }
-    headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    Ok(response)
+    Ok(made_at(&address, true, &view))
 }
 
 /// Get a retrieval

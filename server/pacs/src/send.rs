@@ -4,11 +4,10 @@ use std::time::Duration;
 
 use access::audit::{Action, Event, EventKind, Outcome};
 use async_trait::async_trait;
-use case::{Failure, JobKind};
+use case::JobKind;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
 
-use crate::node::NodeError;
 use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
 use crate::store::REJECTION_NOTE;
@@ -40,7 +39,7 @@ impl Work for SendResult {
         let Some(result) = pacs.store().result(id).await? else {
             return Ok(End::Done);
         };
-        let (case, node) = (result.case.short(), result.node.as_str());
+        let (case, node) = (result.what.case.short(), result.what.node.as_str());
         let sent = recorded(pacs, &result).await;
         match &sent {
             Ok(()) => tracing::info!(result = id, case, node, "a result was sent"),
@@ -52,58 +51,18 @@ impl Work for SendResult {
     }
 }
 
-/// Why a result was not sent.
-#[derive(Debug, thiserror::Error)]
-enum SendError {
-    #[error("no node of the configuration has this name any more")]
-    NoSuchNode,
-    #[error(transparent)]
-    Node(#[from] NodeError),
-    #[error("the stored object is damaged; request the result again")]
-    Lost,
-    #[error("the store cannot be read at the moment")]
-    Store,
-    #[error("{0}")]
-    Contradicted(&'static str),
-    #[error("the audit record of the server cannot be written")]
-    NotRecorded,
-}
-
-impl TransferError for SendError {
-    fn of_node(&self) -> Option<NodeError> {
-        match self {
-            Self::Node(error) => Some(*error),
-            _ => None,
-        }
-    }
-
-    fn may_pass(&self) -> bool {
-        match self {
-            Self::Node(error) => error.may_pass(),
-            Self::NoSuchNode | Self::Lost | Self::Contradicted(_) => false,
-            Self::Store | Self::NotRecorded => true,
-        }
-    }
-
-    fn into_failure(self) -> Failure {
-        let kind = match &self {
-            Self::NoSuchNode => "no-such-node",
-            Self::Node(error) => error.kind(),
-            Self::Lost => "result-lost",
-            Self::Contradicted(_) => SEVERAL_PATIENTS,
-            Self::Store => "store-failed",
-            Self::NotRecorded => "audit-full",
-        };
-        Failure::unusable(kind, self.to_string())
-    }
+/// The store cannot tell whether the result may leave, or what it is.
+fn store_failed<E>(_: E) -> TransferError {
+    let text = "the store cannot be read at the moment";
+    TransferError::passing("store-failed", text)
 }
 
 /// Sends a result, and records it before, and again if it fails.
-async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
+async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
     let event = |outcome| Event {
         outcome,
-        to: Some(result.node.as_str().into()),
-        case: Some(result.case.to_string().into()),
+        to: Some(result.what.node.as_str().into()),
+        case: Some(result.what.case.to_string().into()),
         ..Event::new(
             EventKind::InstancesTransferred,
             Action::Read,
@@ -111,14 +70,17 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
             "isocortex",
         )
     };
-    let audit = pacs.audit();
+    let audit = &pacs.options().audit;
     let allowed = audit.record(event(Outcome::Allowed)).await;
-    allowed.map_err(|_| SendError::NotRecorded)?;
+    allowed.map_err(|_| {
+        let text = "the audit record of the server cannot be written";
+        TransferError::passing("audit-full", text)
+    })?;
     let sent = send(pacs, result).await;
     if let Err(error) = &sent {
-        let outcome = match error {
-            SendError::Node(_) | SendError::Store => Outcome::SeriousFailure,
-            _ => Outcome::MinorFailure,
+        let outcome = match error.node.is_some() || error.may_pass {
+            true => Outcome::SeriousFailure,
+            false => Outcome::MinorFailure,
         };
         if audit.record(event(outcome)).await.is_err() {
             tracing::error!("the failure of a delivery is not in the audit record");
@@ -127,30 +89,35 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     sent
 }
 
-async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
-    let node = pacs.node(&result.node).ok_or(SendError::NoSuchNode)?;
-    let file = pacs.cases().store().object(&result.object).await;
+async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
+    let node = pacs.node(&result.what.node).ok_or_else(|| {
+        let text = "no node of the configuration has this name any more";
+        TransferError::lasting("no-such-node", text)
+    })?;
+    let file = pacs.cases().store().object(&result.what.object()).await;
     let file = file.map_err(|error| match error {
         // What is not found now may be back in a moment.
-        Unreadable::Store(_) | Unreadable::Missing => SendError::Store,
-        Unreadable::Damaged(_) => SendError::Lost,
+        Unreadable::Store(_) | Unreadable::Missing => store_failed(error),
+        Unreadable::Damaged(_) => {
+            let text = "the stored object is damaged; request the result again";
+            TransferError::lasting("result-lost", text)
+        }
     })?;
     may_leave(pacs, result).await?;
-    Ok(node.store(&result.instance, &file).await?)
+    Ok(node.store(&result.what.instance, &file).await?)
 }
 
 /// Refuses a result of a case whose series or study the PACS has as another patient's. A rejection note may leave all the same: it withdraws
 /// what was sent of the wrong patient. What is closed or withdrawn was refused when the job was claimed.
-async fn may_leave(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
-    if result.series.sop_class_uid.as_str() == REJECTION_NOTE {
+async fn may_leave(pacs: &Pacs, result: &SentResult) -> Result<(), TransferError> {
+    if result.what.series.sop_class_uid.as_str() == REJECTION_NOTE {
         return Ok(());
     }
     let arrivals = pacs.arrivals();
-    let named = arrivals.patient_of(result.object);
-    let found = arrivals.contradiction(&result.case, &result.study, named);
-    match found.await {
-        Ok(None) => Ok(()),
-        Ok(Some(why)) => Err(SendError::Contradicted(why)),
-        Err(_) => Err(SendError::Store),
+    let named = arrivals.patient_of(result.what.object());
+    let found = arrivals.contradiction(&result.what.case, &result.what.study, named);
+    match found.await.map_err(store_failed)? {
+        None => Ok(()),
+        Some(why) => Err(TransferError::lasting(SEVERAL_PATIENTS, why)),
     }
 }

@@ -325,14 +325,14 @@ impl Node {
             (None, None) if self.tls_authority.is_none() => None,
             (Some(aet), Some(address)) => {
                 let node = StorageNode::new(address, aet, &dimse.aet);
-                let node = node.map_err(|source| invalid(source.into()))?;
+                let node = node.map_err(invalid)?;
                 Some(match &self.tls_authority {
                     None => node,
                     Some(file) => {
                         let identity = dimse.identity()?;
                         let tls = connecting_tls(&authority(file)?, identity.as_ref())?;
                         let node = node.with_tls(tls);
-                        node.map_err(|source| invalid(source.into()))?
+                        node.map_err(invalid)?
                     }
                 })
             }
@@ -491,7 +491,10 @@ mod tests {
             "aet = \"ARCHIVE\"\naddress = \"192.0.2.7\"",
         ] {
             let refused = opened(keys).err();
-            assert!(matches!(refused, Some(BadNode::Storage(_))), "{keys}");
+            assert!(
+                matches!(refused, Some(BadNode::Aet | BadNode::StorageAddress)),
+                "{keys}"
+            );
         }
     }
 

@@ -77,29 +77,8 @@ impl Pacs {
         self.arrivals.store()
     }
 
-    /// The record of who does what.
-    pub(crate) fn audit(&self) -> &Audit {
-        &self.inner.options.audit
-    }
-
-    pub(crate) fn limits(&self) -> &UploadLimits {
-        &self.inner.options.uploads
-    }
-
-    pub(crate) fn nodes(&self) -> &[Node] {
-        &self.inner.options.nodes
-    }
-
-    pub(crate) fn shows_patient(&self) -> bool {
-        self.inner.options.shows_patient
-    }
-
-    pub(crate) fn time_zone(&self) -> Option<&TimeZone> {
-        self.inner.options.time_zone.as_ref()
-    }
-
-    pub(crate) fn ignores_other_objects(&self) -> bool {
-        self.inner.options.ignores_other_objects
+    pub(crate) fn options(&self) -> &Options {
+        &self.inner.options
     }
 
     /// Refuses what needs the identity of a patient, if none is kept.
@@ -132,7 +111,11 @@ impl Pacs {
     }
 
     pub(crate) fn node(&self, name: &str) -> Option<&Node> {
-        self.nodes().iter().find(|node| node.name() == name)
+        self.inner
+            .options
+            .nodes
+            .iter()
+            .find(|node| node.name() == name)
     }
 
     /// The node that a request names. The name is not repeated, because it may be anything.

@@ -13,7 +13,6 @@ use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
 
-use crate::address::StudyPath;
 use crate::identity::{InstanceIdentity, series_of};
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
@@ -85,7 +84,7 @@ pub(crate) async fn store_study(
 /// As `POST /dicomweb/studies`; images of other studies are not stored.
 #[utoipa::path(
     post, path = "/dicomweb/studies/{study}", tag = "pacs",
-    params(StudyPath),
+    params(("study" = String, Path, description = "The Study Instance UID")),
     request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
     responses(
         (status = 200, description = "All images are stored", content_type = "application/dicom+json"),
@@ -102,10 +101,10 @@ pub(crate) async fn store_study(
 )]
 pub(crate) async fn store_in_study(
     State(pacs): State<Pacs>,
-    Path(path): Path<StudyPath>,
+    Path(study): Path<String>,
     request: Request,
 ) -> Result<Response, AppError> {
-    match Uid::parse(&path.study) {
+    match Uid::parse(&study) {
         Some(study) => store(&pacs, Some(study), request).await,
         None => Err(AppError::not_found(
             "not-a-uid",
@@ -117,7 +116,7 @@ pub(crate) async fn store_in_study(
 async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Response, AppError> {
     let boundary = boundary(request.headers())?;
     refuse_other_answers(request.headers())?;
-    let limits = pacs.limits();
+    let limits = &pacs.options().uploads;
     if let Some(length) = request.body().size_hint().upper()
         && length > limits.max_bytes
     {
@@ -164,9 +163,7 @@ fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
     let ours = [DICOM_JSON, "application/json", "application/*", "*/*"];
     match accepts(&accepted_ranges(headers), &ours) {
         true => Ok(()),
-        false => Err(AppError::NotAcceptable {
-            offered: &[DICOM_JSON],
-        }),
+        false => Err(AppError::not_acceptable(&[DICOM_JSON])),
     }
 }
 
@@ -241,7 +238,7 @@ impl Images<'_> {
 
     /// Takes an object that is no image, of which nothing is kept.
     async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
-        if !self.pacs.ignores_other_objects() {
+        if !self.pacs.options().ignores_other_objects {
             self.failed(&identity, &Refusal::ANOTHER_CLASS);
             return self.list(&identity.uids, &Refusal::ANOTHER_CLASS).await;
         }
@@ -252,14 +249,11 @@ impl Images<'_> {
         let by = &self.holder.name;
         let reference = identity.clone();
         let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
-        if identity.rejection.is_some() && !may_reject {
-            arrivals.refuse_rejection(identity, source, by).await?;
-            self.failed(&reference, &Refusal::MAY_NOT_REJECT);
-            return Ok(());
+        let noted = arrivals.note(identity, (source, by), may_reject).await?;
+        match noted {
+            Ok(status) => self.report.ignored(&reference, status),
+            Err(refusal) => self.failed(&reference, &refusal),
         }
-        let is_known = arrivals.ignore(identity, source, by).await?;
-        self.report
-            .ignored(&reference, is_known.then_some(Status::Corrected));
         Ok(())
     }
 
@@ -276,10 +270,9 @@ impl Images<'_> {
                 let study = identity.uids.study.as_str().to_owned();
                 *self.stored.0.entry(study).or_default() += 1;
             }
-            match reception {
-                Reception::New | Reception::Known => self.report.stored(identity, None),
-                Reception::Corrected => self.report.stored(identity, Some(Status::Corrected)),
-                Reception::Refused => self.failed(identity, &Refusal::NOT_BETTER),
+            match reception.status() {
+                Ok(status) => self.report.stored(identity, status),
+                Err(refusal) => self.failed(identity, &refusal),
             }
         }
         Ok(())
@@ -369,10 +362,10 @@ impl Report {
     }
 
     /// An image, with a warning reason (PS3.18 table I.2-1) if it took the place of another one.
-    fn stored(&mut self, identity: &InstanceIdentity, warning: Option<Status>) {
+    fn stored(&mut self, identity: &InstanceIdentity, status: Status) {
         let mut item = reference(identity);
-        if let Some(reason) = warning {
-            item["00081196"] = element("US", reason as u16);
+        if status == Status::Corrected {
+            item["00081196"] = element("US", status as u16);
             self.has_warnings = true;
         }
         // Nothing can be retrieved from here.
@@ -381,9 +374,9 @@ impl Report {
     }
 
     /// An object of which nothing is kept, as if it were stored.
-    fn ignored(&mut self, identity: &InstanceIdentity, warning: Option<Status>) {
+    fn ignored(&mut self, identity: &InstanceIdentity, status: Status) {
         self.ignored += 1;
-        self.stored(identity, warning);
+        self.stored(identity, status);
         if let Some(item) = self.stored.last_mut() {
             let said = identity.rejection.as_ref().map_or(IGNORED, |_| NOTED);
             item["00000902"] = element("LO", error_comment(said));

@@ -11,6 +11,9 @@ use case::{CaseId, CaseState, Failure, JobKind, JobState, LayerId, ObjectKind};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use storage::{Job, ObjectName};
+use utoipa::ToSchema;
+
+use crate::refusal::{Refusal, Status};
 
 /// Reads a series that came.
 pub(crate) const SERIES: JobKind = JobKind::new("series", "reading");
@@ -60,23 +63,25 @@ words! {
     }
 }
 
-/// How somebody took a series, whatever the rules for series make of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// How a series is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Taken {
+    /// What the series becomes.
     #[serde(rename = "as")]
     pub(crate) kind: TakenAs,
-    /// Whether missing slices are interpolated.
+    /// Whether missing slices are interpolated. Default: false.
     #[serde(default)]
     pub(crate) allow_gaps: bool,
 }
 
 /// What a series becomes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum TakenAs {
+    /// A case.
     Case,
-    /// A layer of the case of its study.
+    /// A layer of the case that a link to its study opens.
     Layer,
 }
 
@@ -106,20 +111,24 @@ impl From<&NewInstance> for ObjectName {
     }
 }
 
-/// What a rejection note has rejected of a series, until it is lifted.
-#[derive(Debug, Clone, PartialEq)]
+/// What a rejection note has rejected of a series. Its UIDs are patient data.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[schema(as = Rejection)]
 pub(crate) struct Rejected {
-    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    /// Its name in addresses.
     pub(crate) id: String,
-    pub(crate) uids: SeriesUids,
-    /// How many instances of the series.
-    pub(crate) instances: usize,
-    /// Whether an instance counts again when it comes again.
+    /// The Study Instance UID.
+    pub(crate) study: String,
+    /// The Series Instance UID.
+    pub(crate) series: String,
+    /// How many images.
+    pub(crate) images: usize,
+    /// Whether an image counts again when it comes again: it was rejected because it had been kept long enough (113039).
     pub(crate) may_return: bool,
-    /// Who has sent the note, as far as that is known.
+    /// Who has sent the note: a token, a user, the title of a peer, or a node.
     pub(crate) by: String,
-    /// When the note came.
-    pub(crate) at: Timestamp,
+    /// When it came (RFC 3339).
+    pub(crate) at: String,
 }
 
 /// What became of an image.
@@ -132,6 +141,17 @@ pub(crate) enum Reception {
     Corrected,
     /// A better image came with its UID, one that can be decoded and placed or is lossless: that one counts.
     Refused,
+}
+
+impl Reception {
+    /// What its sender is told.
+    pub(crate) fn status(self) -> Result<Status, Refusal> {
+        match self {
+            Self::New | Self::Known => Ok(Status::Success),
+            Self::Corrected => Ok(Status::Corrected),
+            Self::Refused => Err(Refusal::NOT_BETTER),
+        }
+    }
 }
 
 /// A series that came.
@@ -398,18 +418,7 @@ impl NotValid {
 pub(crate) struct SentResult {
     /// Its name in addresses: 32 hexadecimal digits without a meaning.
     pub(crate) id: String,
-    /// The case that it was made from.
-    pub(crate) case: CaseId,
-    /// The name of the node.
-    pub(crate) node: String,
-    pub(crate) study: Uid,
-    pub(crate) series: ResultSeries,
-    /// The result.
-    pub(crate) instance: Uid,
-    /// The object with its file.
-    pub(crate) object: ObjectName,
-    /// The layers of the case that it shows, or may show.
-    pub(crate) layers: Vec<LayerId>,
+    pub(crate) what: NewResult,
     /// When it was first requested.
     pub(crate) created_at: Timestamp,
     /// Why it does not count any more.

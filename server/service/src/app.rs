@@ -77,8 +77,8 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
     routes
         .merge(documents)
         .merge(routes::documents::page())
-        .fallback(|| async { AppError::NoSuchRoute })
-        .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
+        .fallback(|| async { AppError::no_such_route() })
+        .method_not_allowed_fallback(|| async { AppError::method_not_allowed() })
         .layer(middleware::from_fn_with_state(
             access.clone(),
             auth::guard_origin,

@@ -60,7 +60,7 @@ pub use self::objects::{
 pub use self::page::{CaseQuery, Cursor, Listed, Order, Page, Status, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{LayerName, Made, Owner, Pinned, Published, Submitted};
-pub use self::signals::{Count, Counters, Signals};
+pub use self::signals::{Count, Signals};
 pub use self::spools::Spools;
 pub use self::submit::{NewMask, Upload, Version};
 pub use self::watch::Watch;

@@ -282,7 +282,7 @@ async fn derived_objects_are_read_once_their_case_is_ready() {
         std::fs::write(file, b"damaged").unwrap();
     }
     assert!(matches!(read(&store, &id).await, Attempt::Bad));
-    assert_eq!(store.signals().counters().bad_objects, 2);
+    assert_eq!(store.signals().counted(Count::BadObject), 2);
     // Written again for the ready case, they are sound.
     publish(&store, Publisher::Ready((&id).into()), "volume").await;
     assert!(matches!(read(&store, &id).await, Attempt::Read(_)));

@@ -8,17 +8,15 @@ use std::process::ExitCode;
 
 use imaging::Limits;
 use imaging::dicom::{
-    self, DicomError, Identity, Options, Purpose, SeriesName, convert, fingerprint, identify,
+    self, Attributes, Converted, DicomError, Identity, convert, fingerprint, identify,
 };
-use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::process::Resource;
 
-use crate::confine::{Directory, Instead, Needs, confine, said};
+use crate::confine::{Directory, Instead, Needs, confine, said, set_limits};
 use crate::files::{FilesBelow, Place};
 use crate::headers::MAX_FILE_BYTES;
-use crate::message::{
-    HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
-    VOLUME,
-};
+use crate::message::{HeaderOrder, Order, SeriesOrder, Stated, StoredOrder, VOLUME};
+use crate::outcome::OUTCOME;
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
@@ -121,14 +119,14 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
         }
     };
     let outcome = match instead {
-        Some(code) => Outcome::Refused(said(code(&confinement))),
+        Some(code) => Stated::Refused(said(code(&confinement))),
         None => match read(order, place) {
-            Ok((volume, summary)) => {
+            Ok(converted) => {
                 io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
-                volume_file.write_all(&volume)?;
-                Outcome::Read(Box::new(summary))
+                volume_file.write_all(&converted.nifti)?;
+                Stated::Read(converted)
             }
-            Err(error) => Outcome::Refused(refusal(&error)),
+            Err(error) => Stated::Refused(refusal(&error)),
         },
     };
     outcome_file.write_all(&serde_json::to_vec(&outcome)?)
@@ -155,10 +153,7 @@ fn read_header<T>(
     confine(&Needs::default());
     let found =
         read_file(file, MAX_FILE_BYTES).and_then(|file| read(&file, order.start, output.as_mut()));
-    Ok(match found {
-        Ok(found) => Stated::Read(found),
-        Err(error) => Stated::Refused(refusal(&error)),
-    })
+    Ok(stated(found))
 }
 
 fn header(file: &[u8], room: u64, output: Option<&mut File>) -> Result<Identity, DicomError> {
@@ -208,71 +203,46 @@ fn read_stored(order: &StoredOrder) -> io::Result<()> {
         reads: Some(reads),
         ..Needs::default()
     });
-    let outcome = match stored(order) {
-        Ok(outcome) => outcome,
-        Err(error) => StoredOutcome::Refused(refusal(&error)),
-    };
-    outcome_file.write_all(&serde_json::to_vec(&outcome)?)
+    outcome_file.write_all(&serde_json::to_vec(&stated(attributes(order)))?)
 }
 
 /// Reads the files of the current directory.
-fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
+fn attributes(order: &StoredOrder) -> Result<Vec<Attributes>, DicomError> {
     let read = |number: usize| {
         let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
         read_file(file, order.max_file_bytes)
     };
-    let each = (0..order.count).map(|number| dicom::attributes(&read(number)?));
-    Ok(StoredOutcome::Read(each.collect::<Result<_, _>>()?))
+    (0..order.count)
+        .map(|number| dicom::attributes(&read(number)?))
+        .collect()
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits.
 fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
-    let at_most = |resource, most: u64| {
-        let limit = Rlimit {
-            current: Some(most),
-            maximum: Some(most),
-        };
-        setrlimit(resource, limit).map_err(io::Error::from)
-    };
-    at_most(Resource::As, memory)?;
-    at_most(Resource::Cpu, seconds)?;
-    at_most(Resource::Nofile, OPEN_FILES)?;
-    at_most(
-        Resource::Fsize,
-        BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
-    )?;
-    // A core file would contain images of a patient.
-    at_most(Resource::Core, 0)?;
-    at_most(Resource::Nproc, 0)
+    let file_bytes = BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels));
+    let limits = [
+        (Resource::As, memory),
+        (Resource::Cpu, seconds),
+        (Resource::Nofile, OPEN_FILES),
+        (Resource::Fsize, file_bytes),
+        // A core file would contain images of a patient.
+        (Resource::Core, 0),
+        (Resource::Nproc, 0),
+    ];
+    set_limits(&limits.map(|(resource, most)| (resource, most, most)))
 }
 
-fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomError> {
+fn read(order: &SeriesOrder, place: Place) -> Result<Converted, DicomError> {
     let mut files = FilesBelow::open(place, order.max_input_bytes)?;
-    let options = Options {
-        series: order.series.as_deref().and_then(SeriesName::parse),
-        allow_gaps: order.allow_gaps,
-        purpose: match order.is_layer {
-            true => Purpose::Layer,
-            false => Purpose::Case,
-        },
-        deidentifies: order.deidentifies,
-        form: None,
-    };
     let limits = Limits {
         max_voxels: order.max_voxels,
         ..Limits::default()
     };
-    let converted = convert(&mut files, &options, &limits)?;
-    let summary = Summary {
-        attributes: converted.attributes,
-        series: converted.series,
-        is_t1: converted.is_t1,
-        others: converted.others,
-        ignored_files: converted.ignored_files,
-        images: converted.images,
-        unread: converted.unread,
-    };
-    Ok((converted.nifti, summary))
+    convert(&mut files, &order.options, &limits)
+}
+
+fn stated<T>(found: Result<T, DicomError>) -> Stated<T> {
+    found.map_or_else(|error| Stated::Refused(refusal(&error)), Stated::Read)
 }
 
 fn refusal(error: &DicomError) -> Failure {

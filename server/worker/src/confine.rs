@@ -146,7 +146,12 @@ pub(crate) fn limit_data(bytes: u64, seconds: u64) -> io::Result<()> {
         // A core file would contain images of a patient.
         (Resource::Core, 0, 0),
     ];
-    for (resource, current, maximum) in limits {
+    set_limits(&limits)
+}
+
+/// Sets limits of the kernel for this process: what it may use, and what it may at most permit itself.
+pub(crate) fn set_limits(limits: &[(Resource, u64, u64)]) -> io::Result<()> {
+    for &(resource, current, maximum) in limits {
         let limit = Rlimit {
             current: Some(current),
             maximum: Some(maximum),

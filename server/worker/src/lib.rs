@@ -7,6 +7,7 @@ mod files;
 mod headers;
 mod memory;
 mod message;
+mod outcome;
 mod prepare;
 mod priority;
 mod program;

@@ -2,16 +2,13 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Fingerprint, SeriesSummary, UnreadFile};
+use imaging::dicom::Options;
 use serde::{Deserialize, Serialize};
 
 use case::{CutFacts, Failure, Parameters, Quality};
 
 /// The file of the volume, in the output directory.
 pub(crate) const VOLUME: &str = "volume.nii.gz";
-
-/// The file of the [`Outcome`].
-pub(crate) const OUTCOME: &str = "outcome.json";
 
 /// A request, the first line on the standard input of the child, because other users can see a command line.
 #[derive(Debug, Serialize, Deserialize)]
@@ -25,7 +22,7 @@ pub(crate) enum Order {
     SeriesOf(HeaderOrder),
     /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
     Marks(HeaderOrder),
-    /// Read the attributes of stored files.
+    /// Read the attributes of stored files; a [`Stated`] in a file answers it, and each of the orders to read a series or to prepare.
     Stored(StoredOrder),
     Prepare(Box<PrepareOrder>),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
@@ -65,14 +62,6 @@ pub(crate) struct StoredOrder {
     pub(crate) seconds: u64,
 }
 
-/// What was read of stored files.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(crate) enum StoredOutcome {
-    Read(Vec<Attributes>),
-    Refused(Failure),
-}
-
 /// Which file to read the header of.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -88,7 +77,7 @@ pub(crate) struct HeaderOrder {
     pub(crate) seconds: u64,
 }
 
-/// The answer about a file.
+/// The answer to an order.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(crate) enum Stated<T> {
@@ -110,11 +99,7 @@ pub(crate) struct SeriesOrder {
     pub(crate) output: PathBuf,
     /// The number of zero bytes to write before the volume.
     pub(crate) room: u64,
-    pub(crate) series: Option<String>,
-    pub(crate) allow_gaps: bool,
-    pub(crate) is_layer: bool,
-    /// Whether the images are named as they are without the identity of the patient.
-    pub(crate) deidentifies: bool,
+    pub(crate) options: Options,
     pub(crate) max_voxels: usize,
     /// The limit for memory.
     pub(crate) memory_bytes: u64,
@@ -122,27 +107,4 @@ pub(crate) struct SeriesOrder {
     pub(crate) max_input_bytes: u64,
     /// The limit for CPU time.
     pub(crate) seconds: u64,
-}
-
-/// The outcome of a request for a series.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(crate) enum Outcome {
-    Read(Box<Summary>),
-    Refused(Failure),
-}
-
-/// The facts in addition to the volume.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Summary {
-    pub(crate) attributes: Attributes,
-    pub(crate) series: SeriesSummary,
-    pub(crate) is_t1: bool,
-    pub(crate) others: Vec<SeriesSummary>,
-    pub(crate) ignored_files: usize,
-    /// The images of the series, by their UIDs.
-    #[serde(default)]
-    pub(crate) images: Vec<(String, Fingerprint)>,
-    pub(crate) unread: Vec<UnreadFile>,
 }

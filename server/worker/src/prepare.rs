@@ -16,10 +16,10 @@ use bytes::Bytes;
 use case::{CaseFacts, Failure, FailureKind, ObjectKind, Parameters, Progress};
 use imaging::Limits;
 use pipeline::{Derived, Extractor, Pipeline, Source, StoredBrain};
-use serde::{Deserialize, Serialize};
 
 use crate::confine::{Instead, Needs, confine, said};
-use crate::message::{Order, PrepareOrder};
+use crate::message::{Order, PrepareOrder, Stated};
+use crate::outcome::{OUTCOME, is_sound, read_bounded, read_outcome};
 use crate::program::{Program, was_interrupted};
 
 /// How often to look whether the process has ended, or shall end.
@@ -31,15 +31,9 @@ const BASE_BYTES: u64 = 1 << 30;
 /// Memory for each voxel of the largest volume.
 const BYTES_PER_VOXEL: u64 = 16;
 
-/// The file of the [`Outcome`].
-const OUTCOME: &str = "outcome.json";
-
 /// The largest outcome and the largest object.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
 const MAX_OBJECT_BYTES: u64 = 2 << 30;
-
-/// The longest name and detail of a failure, in bytes.
-const MAX_TEXT: [usize; 2] = [64, 4096];
 
 /// How preparations run in processes of their own.
 #[derive(Debug, Clone)]
@@ -53,13 +47,6 @@ pub struct PrepareProcess {
     pub threads: usize,
     /// The limit for CPU time, of all threads together.
     pub cpu_seconds: u64,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-enum Outcome {
-    Prepared(Box<CaseFacts>),
-    Refused(Failure),
 }
 
 /// The files of an upload.
@@ -227,40 +214,19 @@ fn write_source(order: &PrepareOrder, source: &Source) -> io::Result<()> {
 }
 
 fn read_results(output: &Path) -> Result<Derived, Failure> {
-    let outcome = read_bounded(&output.join(OUTCOME), MAX_OUTCOME_BYTES)?;
-    let facts = match serde_json::from_slice(&outcome).map_err(|_| crashed())? {
-        Outcome::Prepared(facts) => *facts,
-        Outcome::Refused(failure) => return Err(sound(failure)),
+    let facts = match read_outcome(output, MAX_OUTCOME_BYTES).ok_or_else(crashed)? {
+        Stated::Read(facts) => facts,
+        Stated::Refused(failure) if is_sound(&failure) => return Err(failure),
+        Stated::Refused(_) => return Err(crashed()),
     };
     let objects = OBJECTS.iter().map(|&kind| {
-        let bytes = read_bounded(&output.join(kind.name()), MAX_OBJECT_BYTES)?;
-        Ok((kind, bytes))
+        let bytes = read_bounded(&output.join(kind.name()), MAX_OBJECT_BYTES);
+        Ok((kind, bytes.ok_or_else(crashed)?.into()))
     });
     Ok(Derived {
         objects: objects.collect::<Result<_, Failure>>()?,
         facts,
     })
-}
-
-fn read_bounded(path: &Path, largest: u64) -> Result<Bytes, Failure> {
-    let mut bytes = Vec::new();
-    let is_file = std::fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
-    let read = File::open(path).and_then(|file| file.take(largest + 1).read_to_end(&mut bytes));
-    match read {
-        Ok(length) if is_file && length as u64 <= largest => Ok(bytes.into()),
-        _ => Err(crashed()),
-    }
-}
-
-/// A failure that may be passed on: short, without control characters.
-fn sound(failure: Failure) -> Failure {
-    let [name, detail] = MAX_TEXT;
-    let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-    let fits = failure.name.len() <= name
-        && failure.name.chars().all(is_name)
-        && failure.detail.len() <= detail
-        && !failure.detail.chars().any(char::is_control);
-    if fits { failure } else { crashed() }
 }
 
 /// Prepares a volume in a process of this program, as a worker does. Tests have it.
@@ -320,7 +286,7 @@ pub(crate) fn prepare(order: &PrepareOrder, instead: Option<Instead<'_>>) -> io:
         ..Needs::default()
     });
     if let Some(code) = instead {
-        let outcome = Outcome::Refused(said(code(&confinement)));
+        let outcome = Stated::Refused(said(code(&confinement)));
         return write_outcome(&output, &outcome);
     }
     let observe = |now: Progress| {
@@ -340,14 +306,14 @@ pub(crate) fn prepare(order: &PrepareOrder, instead: Option<Instead<'_>>) -> io:
             for (kind, bytes) in &derived.objects {
                 crate::confine::create_in(&output, kind.name())?.write_all(bytes)?;
             }
-            Outcome::Prepared(Box::new(derived.facts))
+            Stated::Read(derived.facts)
         }
-        Err(failure) => Outcome::Refused(failure),
+        Err(failure) => Stated::Refused(failure),
     };
     write_outcome(&output, &outcome)
 }
 
-fn write_outcome(output: &File, outcome: &Outcome) -> io::Result<()> {
+fn write_outcome(output: &File, outcome: &Stated<CaseFacts>) -> io::Result<()> {
     crate::confine::create_in(output, OUTCOME)?.write_all(&serde_json::to_vec(outcome)?)
 }
 

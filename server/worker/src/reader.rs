@@ -1,6 +1,6 @@
 //! The parent process, which requests the reading of files and does not trust the result.
 
-use std::io::{self, Read as _};
+use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::process::{ExitStatus, Stdio};
@@ -10,7 +10,7 @@ use case::images::{Fingerprint, Image};
 use case::series::Uid;
 use case::{Failure, FailureKind};
 use imaging::Limits;
-use imaging::dicom::{Attributes, MOST_LISTED, Options, Purpose, SeriesSummary, UnreadFile};
+use imaging::dicom::{Attributes, Converted, MOST_LISTED, Options, SeriesSummary, UnreadFile};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
@@ -18,7 +18,8 @@ use tempfile::TempDir;
 use crate::confine::Confinement;
 use crate::error::Error;
 use crate::memory::{ChildMemory, series_bytes};
-use crate::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
+use crate::message::{Order, SeriesOrder, Stated, VOLUME};
+use crate::outcome::{MAX_TEXT, is_sound, read_outcome};
 use crate::program::{Program, cannot_run, was_interrupted};
 use crate::reading::{Choice, Input, Reading};
 
@@ -27,9 +28,6 @@ const LONGEST: Duration = Duration::from_secs(120);
 
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
-
-/// The longest name and detail of a failure, in bytes.
-const MAX_TEXT: [usize; 2] = [64, 4096];
 
 /// Reads series of DICOM files.
 #[derive(Debug)]
@@ -95,10 +93,7 @@ impl SeriesReader {
             input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
             room: Spooled::START,
-            series: options.series.as_ref().map(|name| name.as_str().to_owned()),
-            allow_gaps: options.allow_gaps,
-            is_layer: options.purpose == Purpose::Layer,
-            deidentifies: options.deidentifies,
+            options: options.clone(),
             max_voxels: self.limits.max_voxels,
             memory_bytes,
             max_input_bytes: self.max_input_bytes,
@@ -164,30 +159,28 @@ pub(crate) fn died() -> Failure {
     )
 }
 
-/// The files of a child.
-fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading, Failure> {
+/// What a child states that has read `files`, as its log line calls them.
+pub(crate) fn outcome<T: DeserializeOwned>(
+    status: ExitStatus,
+    output: &TempDir,
+    (files, most): (&str, u64),
+) -> Result<T, Failure> {
     if !status.success() {
-        tracing::warn!(%status, "the process that reads DICOM files died");
+        tracing::warn!(%status, "the process that reads {files} died");
         return Err(died());
     }
-    let outcome: Outcome = read_json(&output.path().join(OUTCOME))?;
-    match outcome {
-        Outcome::Refused(failure) => Err(checked_failure(failure)),
-        Outcome::Read(summary) => {
-            let largest = 4 * limits.max_voxels as u64 + (1 << 20);
-            check_file(&output.path().join(VOLUME), Spooled::START + largest)?;
-            reading(output, *summary)
-        }
+    match read_outcome(output.path(), most).ok_or_else(died)? {
+        Stated::Read(found) => Ok(found),
+        Stated::Refused(failure) => Err(checked_failure(failure)),
     }
 }
 
-fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
-    read_json_of(path, MAX_OUTCOME_BYTES)
-}
-
-pub(crate) fn read_json_of<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T, Failure> {
-    let bytes = read_bounded(path, most)?;
-    serde_json::from_slice(&bytes).map_err(|_| died())
+/// The files of a child.
+fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading, Failure> {
+    let converted = outcome(status, &output, ("DICOM files", MAX_OUTCOME_BYTES))?;
+    let largest = 4 * limits.max_voxels as u64 + (1 << 20);
+    check_file(&output.path().join(VOLUME), Spooled::START + largest)?;
+    reading(output, converted)
 }
 
 /// Whether the child left one regular file, not too large.
@@ -200,26 +193,9 @@ pub(crate) fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
     Err(died())
 }
 
-fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(|_| died())?;
-    file.take(largest + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|_| died())?;
-    if bytes.len() as u64 > largest {
-        return Err(died());
-    }
-    Ok(bytes)
-}
-
-/// A failure that may be passed on: short, without control characters, of a suitable kind.
+/// A failure that may be passed on: a sound one, of a suitable kind.
 pub(crate) fn checked_failure(failure: Failure) -> Failure {
-    let [name, detail] = MAX_TEXT;
-    let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-    let fits = failure.name.len() <= name
-        && failure.name.chars().all(is_name)
-        && failure.detail.len() <= detail
-        && !failure.detail.chars().any(char::is_control)
+    let fits = is_sound(&failure)
         && matches!(
             failure.kind,
             FailureKind::TooLarge
@@ -230,8 +206,8 @@ pub(crate) fn checked_failure(failure: Failure) -> Failure {
     if fits { failure } else { died() }
 }
 
-fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
-    let Summary {
+fn reading(output: TempDir, converted: Converted) -> Result<Reading, Failure> {
+    let Converted {
         attributes,
         series,
         is_t1,
@@ -239,7 +215,8 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
         ignored_files,
         images,
         unread,
-    } = summary;
+        ..
+    } = converted;
     let all = std::iter::once(&series).chain(&others);
     let are_plain = all.clone().all(is_plain) && are_plain_files(&unread);
     if !are_plain || !are_texts(&attributes) {

@@ -14,5 +14,5 @@ mod verify;
 mod writer;
 
 pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid};
-pub use self::verify::{Break, BreakKind, Head, Verified, verify};
+pub use self::verify::{Break, Head, Verified, verify};
 pub use self::writer::{Audit, CannotRecord, Options, check_folder};

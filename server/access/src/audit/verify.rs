@@ -1,5 +1,6 @@
 //! Whether a record is as it was written.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::io;
@@ -41,79 +42,12 @@ pub struct Break {
     /// The line, from 1.
     pub line: usize,
     /// What is wrong there.
-    pub kind: BreakKind,
-}
-
-#[derive(Debug, PartialEq, Eq)]
-pub enum BreakKind {
-    /// It is no line of a record.
-    NotALine,
-    /// Its end is missing.
-    Truncated,
-    /// It does not have the digest that it states.
-    Changed,
-    /// So many lines before it are missing.
-    Removed(u64),
-    /// It was inserted or repeated.
-    Inserted,
-    /// The line before it is not the one that was written.
-    Replaced,
-    /// It is of another process than its file.
-    Strange,
-    /// The file with this number is missing before it.
-    FileMissing(u32),
-    /// The file does not begin with its first line.
-    Beheaded,
-    /// The file has another number than when it was begun.
-    Renumbered(u32),
-    /// So many lines after it are missing, which another process has found.
-    Cut(u64),
-    /// Another process has found another line in its place.
-    Exchanged,
-    /// All files are missing of this process, which another one has found.
-    ProcessMissing(String),
+    pub what: Cow<'static, str>,
 }
 
 impl fmt::Display for Break {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{}:{}: ", self.file, self.line)?;
-        match &self.kind {
-            BreakKind::NotALine => write!(formatter, "not a line of an audit record"),
-            BreakKind::Truncated => write!(formatter, "the end of the line is missing"),
-            BreakKind::Changed => write!(formatter, "the line was changed"),
-            BreakKind::Removed(1) => write!(formatter, "a line before this one was removed"),
-            BreakKind::Removed(count) => {
-                write!(formatter, "{count} lines before this one were removed")
-            }
-            BreakKind::Inserted => write!(formatter, "the line was inserted or repeated"),
-            BreakKind::Replaced => write!(formatter, "the line before this one was replaced"),
-            BreakKind::Strange => write!(formatter, "the line is of another process"),
-            BreakKind::FileMissing(number) => {
-                write!(formatter, "the file {number:06} before this one is missing")
-            }
-            BreakKind::Beheaded => write!(formatter, "the beginning of the file is missing"),
-            BreakKind::Renumbered(number) => {
-                write!(formatter, "the file was begun as number {number:06}")
-            }
-            BreakKind::Cut(count) => {
-                write!(
-                    formatter,
-                    "{count} lines after this one were removed, which another process has found"
-                )
-            }
-            BreakKind::Exchanged => {
-                write!(
-                    formatter,
-                    "another process has found another line in this place"
-                )
-            }
-            BreakKind::ProcessMissing(process) => {
-                write!(
-                    formatter,
-                    "all files of {process} are missing, which were there when this one was begun"
-                )
-            }
-        }
+        write!(formatter, "{}:{}: {}", self.file, self.line, self.what)
     }
 }
 
@@ -188,7 +122,10 @@ impl Found {
                 verified.breaks.push(Break {
                     file: file.clone(),
                     line: 1,
-                    kind: BreakKind::ProcessMissing(process.clone()),
+                    what: format!(
+                        "all files of {process} are missing, which were there when this one was begun"
+                    )
+                    .into(),
                 });
             } else {
                 let note = format!("the files of {process} are not here, nor any older ones");
@@ -223,20 +160,22 @@ fn verify_process(
     let last = files.keys().next_back();
     for (&number, path) in files {
         let file = path.file_name().unwrap_or_default().to_string_lossy();
-        let mut report = |line, kind| {
+        let mut report = |line, what| {
             verified.breaks.push(Break {
                 file: file.clone().into_owned(),
                 line,
-                kind,
+                what,
             });
         };
+        let missing = |number| format!("the file {number:06} before this one is missing").into();
+        let truncated = Cow::Borrowed("the end of the line is missing");
         if number > expected && expected > 1 {
-            report(1, BreakKind::FileMissing(expected));
+            report(1, missing(expected));
             // What is missing is said.
             chain.last = None;
         }
         if number > 1 && expected == 1 && found.has_older_than(process) {
-            report(1, BreakKind::FileMissing(number - 1));
+            report(1, missing(number - 1));
         } else if number > 1 && expected == 1 {
             let note = format!("the files of {process} before {number:06} are not here");
             verified.notes.push(note);
@@ -247,36 +186,42 @@ fn verify_process(
         let text = std::fs::read(path)?;
         // A process that ended while it began a file has left the last one empty.
         if text.is_empty() && Some(&number) != last {
-            report(1, BreakKind::Truncated);
+            report(1, truncated.clone());
         }
         for (at, line) in text.split_inclusive(|&byte| byte == b'\n').enumerate() {
             let Some(line) = line.strip_suffix(b"\n") else {
-                report(at + 1, BreakKind::Truncated);
+                report(at + 1, truncated.clone());
                 continue;
             };
             verified.lines += 1;
             let Some(line) = read(line) else {
-                report(at + 1, BreakKind::NotALine);
+                report(at + 1, "not a line of an audit record".into());
                 continue;
             };
             if line.process != process {
-                report(at + 1, BreakKind::Strange);
+                report(at + 1, "the line is of another process".into());
                 continue;
             }
             match (at, line.file) {
                 // The first file begins with the first line of the process.
-                (0, None) if number > 1 => report(1, BreakKind::Beheaded),
+                (0, None) if number > 1 => {
+                    report(1, "the beginning of the file is missing".into());
+                }
                 (_, Some(begun)) if begun != number => {
-                    report(at + 1, BreakKind::Renumbered(begun));
+                    report(
+                        at + 1,
+                        format!("the file was begun as number {begun:06}").into(),
+                    );
                 }
                 _ => {}
             }
-            if let Some(kind) = chain.follow(&line, begins_here) {
-                report(at + 1, kind);
+            if let Some(what) = chain.follow(&line, begins_here) {
+                report(at + 1, what);
             } else if let Some(named) = named.iter().find(|named| named.seq == line.seq)
                 && named.digest != line.digest
             {
-                report(at + 1, BreakKind::Exchanged);
+                let what = "another process has found another line in this place";
+                report(at + 1, what.into());
             }
             last_line = (file.clone().into_owned(), at + 1);
         }
@@ -284,8 +229,11 @@ fn verify_process(
     let last = chain.last.as_ref().map_or(0, |(seq, _)| *seq);
     if let Some(named) = named.last().filter(|named| named.seq > last) {
         let (file, line) = last_line;
-        let kind = BreakKind::Cut(named.seq - last);
-        verified.breaks.push(Break { file, line, kind });
+        let count = named.seq - last;
+        let what =
+            format!("{count} lines after this one were removed, which another process has found");
+        let what = what.into();
+        verified.breaks.push(Break { file, line, what });
     }
     if !chain.is_stopped {
         let note = format!(
@@ -303,7 +251,7 @@ fn verify_process(
 
 impl Chain {
     /// Goes on with a line; what is wrong with it.
-    fn follow(&mut self, line: &Read, begins_here: bool) -> Option<BreakKind> {
+    fn follow(&mut self, line: &Read, begins_here: bool) -> Option<Cow<'static, str>> {
         let before = match &self.last {
             Some((seq, digest)) => Some((*seq, digest.clone())),
             None => begins_here.then(|| (0, NO_DIGEST.to_hex().to_string())),
@@ -311,18 +259,19 @@ impl Chain {
         if let Some((seq, _)) = before
             && line.seq <= seq
         {
-            return Some(BreakKind::Inserted);
+            return Some("the line was inserted or repeated".into());
         }
         self.last = Some((line.seq, line.digest.clone()));
         self.is_stopped = line.is_stop;
         if !line.is_sound {
-            return Some(BreakKind::Changed);
+            return Some("the line was changed".into());
         }
         let (seq, digest) = before?;
-        if line.seq > seq + 1 {
-            Some(BreakKind::Removed(line.seq - seq - 1))
-        } else {
-            (line.previous != digest).then_some(BreakKind::Replaced)
+        match line.seq - seq - 1 {
+            0 if line.previous == digest => None,
+            0 => Some("the line before this one was replaced".into()),
+            1 => Some("a line before this one was removed".into()),
+            count => Some(format!("{count} lines before this one were removed").into()),
         }
     }
 }
@@ -360,7 +309,7 @@ mod tests {
         lines.into()
     }
 
-    fn found(files: &[(u32, String)]) -> (Vec<(usize, BreakKind)>, Verified) {
+    fn found(files: &[(u32, String)]) -> (Vec<String>, Verified) {
         let folder = tempfile::tempdir().unwrap();
         for (number, text) in files {
             let name = format!("{PROCESS}-{number:06}.jsonl");
@@ -368,10 +317,11 @@ mod tests {
         }
         let mut verified = verify(folder.path()).unwrap();
         let breaks = std::mem::take(&mut verified.breaks).into_iter();
-        (breaks.map(|one| (one.line, one.kind)).collect(), verified)
+        let breaks = breaks.map(|one| format!("{}: {}", one.line, one.what));
+        (breaks.collect(), verified)
     }
 
-    fn broken(lines: &[String]) -> Vec<(usize, BreakKind)> {
+    fn broken(lines: &[String]) -> Vec<String> {
         found(&[(1, lines.concat())]).0
     }
 
@@ -379,7 +329,7 @@ mod tests {
     fn a_record_as_it_was_written_has_no_break_and_tells_its_last_line() {
         let all = lines_in(&[1, 0, 0, 2, 0, 0]);
         let (breaks, verified) = found(&[(1, all[..3].concat()), (2, all[3..].concat())]);
-        assert_eq!(breaks, []);
+        assert_eq!(breaks, [""; 0]);
         assert_eq!((verified.files, verified.lines), (2, 6));
         assert!(verified.notes.is_empty(), "{:?}", verified.notes);
         assert_eq!(verified.heads[0].seq, 6);
@@ -390,7 +340,7 @@ mod tests {
     fn a_changed_line_is_found() {
         let mut all = lines();
         all[2] = all[2].replace("somebody", "nobody");
-        assert_eq!(broken(&all), [(3, BreakKind::Changed)]);
+        assert_eq!(broken(&all), ["3: the line was changed"]);
         // With a digest that fits again, the next line tells.
         let mut all = lines();
         let other = write(
@@ -403,7 +353,7 @@ mod tests {
             None,
         );
         all[2] = String::from_utf8(other.0).unwrap();
-        assert_eq!(broken(&all), [(4, BreakKind::Replaced)]);
+        assert_eq!(broken(&all), ["4: the line before this one was replaced"]);
     }
 
     fn digest_of(line: &str) -> String {
@@ -414,9 +364,12 @@ mod tests {
     fn a_removed_line_is_found() {
         let mut all = lines();
         all.remove(2);
-        assert_eq!(broken(&all), [(3, BreakKind::Removed(1))]);
+        assert_eq!(broken(&all), ["3: a line before this one was removed"]);
         all.remove(0);
-        let at_the_start = [(1, BreakKind::Removed(1)), (2, BreakKind::Removed(1))];
+        let at_the_start = [
+            "1: a line before this one was removed",
+            "2: a line before this one was removed",
+        ];
         assert_eq!(broken(&all), at_the_start);
     }
 
@@ -424,15 +377,18 @@ mod tests {
     fn an_inserted_line_is_found() {
         let mut all = lines();
         all.insert(3, all[1].clone());
-        assert_eq!(broken(&all), [(4, BreakKind::Inserted)]);
+        assert_eq!(broken(&all), ["4: the line was inserted or repeated"]);
         let mut all = lines();
         all.insert(3, "{\"who\": \"me\"}\n".to_owned());
-        assert_eq!(broken(&all), [(4, BreakKind::NotALine)]);
+        assert_eq!(broken(&all), ["4: not a line of an audit record"]);
         let mut all = lines();
         all.swap(2, 3);
         assert_eq!(
             broken(&all),
-            [(3, BreakKind::Removed(1)), (4, BreakKind::Inserted)]
+            [
+                "3: a line before this one was removed",
+                "4: the line was inserted or repeated"
+            ]
         );
     }
 
@@ -441,11 +397,11 @@ mod tests {
         let all = lines();
         let half = &all[4][..all[4].len() / 2];
         let (breaks, verified) = found(&[(1, all[..4].concat() + half)]);
-        assert_eq!(breaks, [(5, BreakKind::Truncated)]);
+        assert_eq!(breaks, ["5: the end of the line is missing"]);
         assert_eq!(verified.notes.len(), 1);
         // Whole lines that are missing at the end leave the note alone, and a last line that is not the one that was kept.
         let (breaks, verified) = found(&[(1, all[..4].concat())]);
-        assert_eq!(breaks, []);
+        assert_eq!(breaks, [""; 0]);
         assert!(verified.notes[0].contains("has not stopped in order"));
         assert_eq!(verified.heads[0].seq, 4);
     }
@@ -455,11 +411,11 @@ mod tests {
         let all = lines_in(&[1, 0, 2, 0, 0, 0]);
         let [one, two] = [all[..2].concat(), all[2..].concat()];
         let (breaks, verified) = found(&[(1, one.clone()), (2, String::new())]);
-        assert_eq!(breaks, []);
+        assert_eq!(breaks, [""; 0]);
         assert!(verified.notes[0].contains("has not stopped in order"));
-        assert_eq!(found(&[(1, String::new())]).0, []);
+        assert_eq!(found(&[(1, String::new())]).0, [""; 0]);
         let (breaks, _) = found(&[(1, String::new()), (2, two)]);
-        assert_eq!(breaks, [(1, BreakKind::Truncated)]);
+        assert_eq!(breaks, ["1: the end of the line is missing"]);
         // The next process names the last line that is there.
         let folder = tempfile::tempdir().unwrap();
         for (number, text) in [(1, &one[..]), (2, "")] {
@@ -478,9 +434,9 @@ mod tests {
         let all = lines_in(&[1, 0, 2, 0, 3, 0]);
         let [one, two, three] = [0..2, 2..4, 4..6].map(|range| all[range].concat());
         let (breaks, _) = found(&[(1, one), (3, three.clone())]);
-        assert_eq!(breaks, [(1, BreakKind::FileMissing(2))]);
+        assert_eq!(breaks, ["1: the file 000002 before this one is missing"]);
         let (breaks, verified) = found(&[(2, two), (3, three)]);
-        assert_eq!(breaks, []);
+        assert_eq!(breaks, [""; 0]);
         assert!(verified.notes[0].contains("before 000002 are not here"));
     }
 
@@ -543,7 +499,8 @@ mod tests {
         begin_long_ago(folder);
         let verified = verify(folder).unwrap();
         let missing = verified.breaks.iter().find(|found| {
-            matches!(&found.kind, BreakKind::ProcessMissing(process) if process.starts_with("20260103"))
+            let what = &found.what;
+            what.starts_with("all files of 20260103") && what.contains("are missing")
         });
         assert_eq!(missing.unwrap().file, name_of(&third));
         // Its last line alone is missed, too.
@@ -551,9 +508,9 @@ mod tests {
         std::fs::write(&second, first).unwrap();
         let cut = verify(folder).unwrap();
         assert!(
-            cut.breaks
-                .iter()
-                .any(|found| found.kind == BreakKind::Cut(1)),
+            cut.breaks.iter().any(|found| found
+                .what
+                .starts_with("1 lines after this one were removed")),
             "{cut:?}"
         );
     }
@@ -577,10 +534,10 @@ mod tests {
     #[test]
     fn a_cut_head_is_found_although_the_files_before_are_gone() {
         let all = lines_in(&[1, 0, 2, 0, 0, 0]);
-        assert_eq!(found(&[(2, all[2..].concat())]).0, []);
+        assert_eq!(found(&[(2, all[2..].concat())]).0, [""; 0]);
         let (breaks, _) = found(&[(2, all[3..].concat())]);
-        assert_eq!(breaks, [(1, BreakKind::Beheaded)]);
+        assert_eq!(breaks, ["1: the beginning of the file is missing"]);
         let (breaks, _) = found(&[(7, all[2..].concat())]);
-        assert_eq!(breaks, [(1, BreakKind::Renumbered(2))]);
+        assert_eq!(breaks, ["1: the file was begun as number 000002"]);
     }
 }

@@ -11,7 +11,7 @@ use pipeline::Pipeline;
 use pipeline::testing::{phantom, upload};
 use storage::testing::files_below;
 use storage::testing::postgres::PostgresServer;
-use storage::{DatabaseAddress, Location, Options, Store, StoreError};
+use storage::{Count, DatabaseAddress, Location, Options, Store, StoreError};
 
 use super::*;
 use crate::application::{REMEMBERED_FOR, REMEMBERED_WHILE_AWAY};
@@ -165,7 +165,7 @@ async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
     let other = ready.cold();
     let model = other.get(&ready.id, SurfaceName::Whole).await.unwrap();
     assert!(*model.paths(size, PathKind::Forest).await.unwrap() == *expected);
-    assert_eq!(ready.library.store().signals().counters().rebuilds, 1);
+    assert_eq!(ready.library.store().signals().counted(Count::Rebuild), 1);
 }
 
 #[tokio::test]
@@ -178,7 +178,7 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
         let model = cold.get(&ready.id, SurfaceName::Whole).await.unwrap();
         assert!(model.model() == first.model());
         assert_eq!(
-            ready.library.store().signals().counters().rebuilds,
+            ready.library.store().signals().counted(Count::Rebuild),
             rebuilds as u64 + 1,
             "{kind}"
         );
@@ -202,7 +202,7 @@ async fn a_lost_whole_volume_comes_from_the_source_and_the_case_is_not_prepared_
     assert!(whole().await.as_ref() == Some(&acquired));
     ready.damage("whole-volume");
     assert!(whole().await.as_ref() == Some(&acquired));
-    assert_eq!(ready.library.store().signals().counters().rebuilds, 0);
+    assert_eq!(ready.library.store().signals().counted(Count::Rebuild), 0);
     assert!(whole_file(&ready).is_some(), "it is stored again");
     // The source is not needed as long as the object is there.
     ready.damage("source-volume");

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use super::DicomError;
 use super::header::{Hints, Image, Modality};
 use super::pet;
@@ -14,7 +16,7 @@ pub(super) const FEWEST_SLICES: usize = 3;
 const SLICES_OF_A_HEAD: usize = 60;
 
 /// What a series is read for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Purpose {
     /// The volume of a case: a T1 is preferred.
     #[default]
@@ -24,7 +26,7 @@ pub enum Purpose {
 }
 
 /// Names a series: by its instance UID, its number, or its token.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SeriesName(String);
 
 impl SeriesName {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use dicom_core::Tag;
 use geometry::{Grid, Rescale};
+use serde::{Deserialize, Serialize};
 
 use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
@@ -43,7 +44,8 @@ impl Files for Vec<Vec<u8>> {
 }
 
 /// What the user can choose.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Options {
     /// The series to read.
     pub series: Option<SeriesName>,
@@ -58,10 +60,12 @@ pub struct Options {
 }
 
 /// A series as a volume.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Converted {
     /// The volume as gzipped NIfTI-1, with the samples as stored in the files. The same series gives the same bytes,
-    /// whatever the order of its files.
+    /// whatever the order of its files. It is not serialised.
+    #[serde(skip)]
     pub nifti: Vec<u8>,
     /// The attributes to store with it.
     pub attributes: Attributes,

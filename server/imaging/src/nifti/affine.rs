@@ -3,6 +3,7 @@
 //! NIfTI uses RAS coordinates (x grows to the patient's right, y to the front). Results are in LPS.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 
 use crate::ImagingError;
@@ -23,7 +24,7 @@ const QUATERNION_TOLERANCE: f64 = 1e-3;
 const ORTHOGONAL_TOLERANCE: f64 = 1e-6;
 
 /// One of the two forms by which a header may place its voxels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
 #[strum(serialize_all = "kebab-case")]
 pub enum Form {
     /// The affine of `srow_x`, `srow_y` and `srow_z`.

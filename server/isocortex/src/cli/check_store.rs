@@ -9,7 +9,7 @@ use cases::{Adopted, Cases, Library};
 use clap::Args;
 use pacs::Arrivals;
 use storage::upkeep::{self, Amount, Defect};
-use storage::{ObjectName, Store, StoreError};
+use storage::{Store, StoreError};
 
 use super::common::{StoreArgs, set_some};
 use super::status::{CliError, ExitStatus};
@@ -80,8 +80,6 @@ impl Defects {
                 self.layers_to_prepare.insert((id, layer));
                 return;
             }
-            Defect::MissingOfTables(name) => return self.add_lost("missing", name),
-            Defect::DamagedOfTables(name) => return self.add_lost("damaged", name),
             Defect::Unreferenced(name) => {
                 println!("unreferenced: {name}");
                 match name.kind {
@@ -91,17 +89,17 @@ impl Defects {
                 return;
             }
         };
+        let Some(id) = id else {
+            println!("{what}: {name}");
+            // An image from a PACS, or a result for one: only its sender has it again.
+            self.lost_for_pacs += 1;
+            return;
+        };
         println!("{what}: {} of case {id}", name.kind.name());
         match name.kind.is_source() {
             true => _ = self.lost_sources.insert(id),
             false => _ = self.to_rebuild.entry(id).or_default().insert(name.kind),
         }
-    }
-
-    /// An image from a PACS, or a result for one: only its sender has it again.
-    fn add_lost(&mut self, what: &str, name: ObjectName) {
-        println!("{what}: {name}");
-        self.lost_for_pacs += 1;
     }
 
     /// The number of cases and objects with a problem.

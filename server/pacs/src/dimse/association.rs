@@ -497,28 +497,18 @@ impl Messages<'_> {
                 return self.refuse(Some(&identity.uids), refusal).await;
             }
             let by = &self.event.who;
-            if identity.rejection.is_some() && !self.may_reject {
-                let refused = self.arrivals.refuse_rejection(identity, source, by);
-                refused.await?;
-                return Err(Refusal::MAY_NOT_REJECT);
-            }
-            return Ok(match self.arrivals.ignore(identity, source, by).await? {
-                true => Status::Corrected,
-                false => Status::Success,
-            });
+            let noted = self.arrivals.note(identity, (source, by), self.may_reject);
+            return noted.await?;
         }
         let study = digest_of_uid(identity.uids.study.as_str());
         let images = vec![(identity, file)];
         let received = self.arrivals.receive(images, source).await?;
-        let received = received.first();
-        if received != Some(&Reception::Refused) {
+        let received = received.first().copied().unwrap_or(Reception::Known);
+        let answer = received.status();
+        if answer.is_ok() {
             *self.studies.entry(study).or_default() += 1;
         }
-        match received {
-            Some(Reception::Corrected) => Ok(Status::Corrected),
-            Some(Reception::Refused) => Err(Refusal::NOT_BETTER),
-            Some(Reception::New | Reception::Known) | None => Ok(Status::Success),
-        }
+        answer
     }
 
     /// Refuses an object, and counts that in the arrival of its series.

@@ -17,9 +17,8 @@ mod wire;
 
 pub use self::counts::{AssociationCounts, Rejection};
 pub use self::listen::serve;
-pub use self::node::{BadStorageNode, StorageNode};
+pub use self::node::StorageNode;
 pub use self::options::{DimseOptions, is_aet};
-pub use self::outcome::NotStored;
 pub use self::peers::{Peer, PeerAddress};
 pub use http::tls::{
     BadTls, ConnectingTls, ListeningTls, ReloadedTls, TlsAuthority, TlsIdentity, connecting_tls,

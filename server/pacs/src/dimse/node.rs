@@ -16,8 +16,9 @@ use crate::dimse::command::{self, VERIFICATION, echo_request, status_of_response
 use crate::dimse::head::FileHead;
 use crate::dimse::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::dimse::options::is_aet;
-use crate::dimse::outcome::{NotStored, is_stored, rejected};
+use crate::dimse::outcome::{is_stored, rejected};
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
+use crate::node::{BadNode, NodeError};
 use http::tls::ConnectingTls;
 
 /// How long to wait for a connection.
@@ -52,32 +53,20 @@ pub struct StorageNode {
     our_aet: String,
 }
 
-/// Why a node cannot be used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum BadStorageNode {
-    /// Its title or ours.
-    #[error(
-        "an application entity title must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
-    )]
-    Aet,
-    #[error("`address` must be a host and a port, such as `pacs.example:104`")]
-    Address,
-}
-
 impl StorageNode {
     /// A node at a host and a port, by its application entity title and ours.
     ///
     /// # Errors
-    /// [`BadStorageNode`].
-    pub fn new(address: &str, aet: &str, our_aet: &str) -> Result<Self, BadStorageNode> {
+    /// [`BadNode`].
+    pub fn new(address: &str, aet: &str, our_aet: &str) -> Result<Self, BadNode> {
         if !is_aet(aet) || !is_aet(our_aet) {
-            return Err(BadStorageNode::Aet);
+            return Err(BadNode::Aet);
         }
-        let (host, port) = address.rsplit_once(':').ok_or(BadStorageNode::Address)?;
+        let (host, port) = address.rsplit_once(':').ok_or(BadNode::StorageAddress)?;
         let is_host = !host.is_empty() && !host.contains(['/', '@', ' ']);
-        let port: u16 = port.parse().map_err(|_| BadStorageNode::Address)?;
+        let port: u16 = port.parse().map_err(|_| BadNode::StorageAddress)?;
         if !is_host || port == 0 {
-            return Err(BadStorageNode::Address);
+            return Err(BadNode::StorageAddress);
         }
         Ok(Self {
             address: address.to_owned(),
@@ -90,14 +79,14 @@ impl StorageNode {
     /// The same node by TLS.
     ///
     /// # Errors
-    /// [`BadStorageNode::Address`] if its host cannot be in a certificate.
-    pub fn with_tls(self, tls: ConnectingTls) -> Result<Self, BadStorageNode> {
+    /// [`BadNode::StorageAddress`] if its host cannot be in a certificate.
+    pub fn with_tls(self, tls: ConnectingTls) -> Result<Self, BadNode> {
         let host = self.address.rsplit_once(':').map_or("", |(host, _)| host);
         let host = host
             .trim_start_matches('[')
             .trim_end_matches(']')
             .to_owned();
-        let name = ServerName::try_from(host).map_err(|_| BadStorageNode::Address)?;
+        let name = ServerName::try_from(host).map_err(|_| BadNode::StorageAddress)?;
         Ok(Self {
             tls: Some((tls, name)),
             ..self
@@ -107,27 +96,27 @@ impl StorageNode {
     /// Stores an object, which is in a file that we have written. Afterwards the node has it.
     ///
     /// # Errors
-    /// [`NotStored`]. The node may have it nevertheless, if its answer was lost.
-    pub async fn store(&self, file: &Bytes) -> Result<(), NotStored> {
-        let object = Object::read(file.clone()).ok_or(NotStored::Object)?;
+    /// [`NodeError`]. The node may have it nevertheless, if its answer was lost.
+    pub async fn store(&self, file: &Bytes) -> Result<(), NodeError> {
+        let object = Object::read(file.clone()).ok_or(NodeError::Object)?;
         let operation = Operation::Store(Box::new(object));
         let stored = tokio::time::timeout(WHOLE, self.connect_and_do(operation)).await;
-        stored.map_err(|_elapsed| NotStored::Silent)?
+        stored.map_err(|_elapsed| NodeError::Silent)?
     }
 
     /// Asks the node whether it is there and knows us (C-ECHO).
     ///
     /// # Errors
-    /// [`NotStored`], in the words of storing, since that is what would fail.
-    pub async fn echo(&self) -> Result<(), NotStored> {
+    /// [`NodeError`], in the words of storing, since that is what would fail.
+    pub async fn echo(&self) -> Result<(), NodeError> {
         let answered = tokio::time::timeout(ECHO, self.connect_and_do(Operation::Echo)).await;
-        answered.map_err(|_elapsed| NotStored::Silent)?
+        answered.map_err(|_elapsed| NodeError::Silent)?
     }
 
-    async fn connect_and_do(&self, operation: Operation) -> Result<(), NotStored> {
+    async fn connect_and_do(&self, operation: Operation) -> Result<(), NodeError> {
         let stream = tokio::time::timeout(CONNECT, TcpStream::connect(&self.address)).await;
-        let stream = stream.map_err(|_elapsed| NotStored::Unreachable)?;
-        let stream = stream.map_err(|_| NotStored::Unreachable)?;
+        let stream = stream.map_err(|_elapsed| NodeError::Unreachable)?;
+        let stream = stream.map_err(|_| NodeError::Unreachable)?;
         if let Err(error) = stream.set_nodelay(true) {
             tracing::debug!(%error, "TCP_NODELAY refused");
         }
@@ -136,7 +125,7 @@ impl StorageNode {
         };
         let connecting = TlsConnector::from(Arc::clone(tls)).connect(name.clone(), stream);
         let stream = tokio::time::timeout(CONNECT, connecting).await;
-        let stream = stream.map_err(|_elapsed| NotStored::Silent)?;
+        let stream = stream.map_err(|_elapsed| NodeError::Silent)?;
         let stream = stream.map_err(WireError::Lost)?;
         self.do_over(stream, operation).await
     }
@@ -145,13 +134,13 @@ impl StorageNode {
         &self,
         stream: S,
         operation: Operation,
-    ) -> Result<(), NotStored> {
+    ) -> Result<(), NodeError> {
         let mut wire = Wire::new(stream, IDLE);
         let done = self.associate_and_do(&mut wire, operation).await;
         // The node may be gone, and what it has stored stays stored.
         let _ = match done {
-            Ok(()) | Err(NotStored::Status(_) | NotStored::Class) => release(&mut wire).await,
-            Err(NotStored::Unreadable | NotStored::Silent | NotStored::Object) => {
+            Ok(()) | Err(NodeError::Failed(_) | NodeError::Class) => release(&mut wire).await,
+            Err(NodeError::Unreadable | NodeError::Silent | NodeError::Object) => {
                 let source = AbortRQSource::ServiceUser;
                 wire.send(&Pdu::AbortRQ { source }).await
             }
@@ -164,7 +153,7 @@ impl StorageNode {
         &self,
         wire: &mut Wire<S>,
         operation: Operation,
-    ) -> Result<(), NotStored> {
+    ) -> Result<(), NodeError> {
         let class = match &operation {
             Operation::Echo => VERIFICATION,
             Operation::Store(object) => object.head.object.sop_class_uid.as_str(),
@@ -174,8 +163,8 @@ impl StorageNode {
         let answer = match wire.receive().await? {
             Pdu::AssociationAC(answer) => answer,
             Pdu::AssociationRJ(rejection) => return Err(rejected(&rejection)),
-            Pdu::AbortRQ { .. } => return Err(NotStored::Aborted),
-            _ => return Err(NotStored::Unreadable),
+            Pdu::AbortRQ { .. } => return Err(NodeError::Aborted),
+            _ => return Err(NodeError::Unreadable),
         };
         let syntax = accepted_syntax(&answer)?;
         let max_length = peer_max_length(&answer.user_variables);
@@ -221,52 +210,52 @@ impl Object {
         &self.file[self.head.length..]
     }
 
-    async fn in_syntax(self, syntax: &str) -> Result<Self, NotStored> {
+    async fn in_syntax(self, syntax: &str) -> Result<Self, NodeError> {
         if self.head.transfer_syntax == syntax {
             return Ok(self);
         }
         if syntax != IMPLICIT {
-            return Err(NotStored::Unreadable);
+            return Err(NodeError::Unreadable);
         }
         let write = move || imaging::dicom::write::implicit_file(&self.file);
         let file = tokio::task::spawn_blocking(write).await;
-        let file = file.map_err(|_| NotStored::Object)?;
-        let file = file.map_err(|_| NotStored::Object)?;
-        Self::read(file.into()).ok_or(NotStored::Object)
+        let file = file.map_err(|_| NodeError::Object)?;
+        let file = file.map_err(|_| NodeError::Object)?;
+        Self::read(file.into()).ok_or(NodeError::Object)
     }
 }
 
 /// The transfer syntax that a node has chosen of those that were proposed.
-fn accepted_syntax(answer: &AssociationAC) -> Result<&'static str, NotStored> {
+fn accepted_syntax(answer: &AssociationAC) -> Result<&'static str, NodeError> {
     let mut results = answer.presentation_contexts.iter();
     let result = results.find(|result| result.id == CONTEXT);
     let accepted =
         result.filter(|result| result.reason == PresentationContextResultReason::Acceptance);
-    let chosen = accepted.ok_or(NotStored::Class)?;
+    let chosen = accepted.ok_or(NodeError::Class)?;
     let chosen = chosen.transfer_syntax.trim_end_matches(['\0', ' ']);
     let mut proposed = [EXPLICIT, IMPLICIT].into_iter();
     proposed
         .find(|&syntax| syntax == chosen)
-        .ok_or(NotStored::Unreadable)
+        .ok_or(NodeError::Unreadable)
 }
 
 /// The status of the response.
-async fn status<S: AsyncRead + AsyncWrite + Unpin>(wire: &mut Wire<S>) -> Result<u16, NotStored> {
+async fn status<S: AsyncRead + AsyncWrite + Unpin>(wire: &mut Wire<S>) -> Result<u16, NodeError> {
     let mut bytes = Vec::new();
     loop {
         let values = match wire.receive_within(ANSWER).await? {
             Pdu::PData { data } => data,
-            Pdu::AbortRQ { .. } => return Err(NotStored::Aborted),
-            _ => return Err(NotStored::Unreadable),
+            Pdu::AbortRQ { .. } => return Err(NodeError::Aborted),
+            _ => return Err(NodeError::Unreadable),
         };
         for value in values {
             let is_command = value.value_type == PDataValueType::Command;
             if !is_command || bytes.len() + value.data.len() > command::MAX_LENGTH {
-                return Err(NotStored::Unreadable);
+                return Err(NodeError::Unreadable);
             }
             bytes.extend(value.data);
             if value.is_last {
-                return status_of_response(&bytes).ok_or(NotStored::Unreadable);
+                return status_of_response(&bytes).ok_or(NodeError::Unreadable);
             }
         }
     }
@@ -426,7 +415,7 @@ mod tests {
         }
     }
 
-    async fn sent_to(node: Node) -> (Result<(), NotStored>, Vec<u8>) {
+    async fn sent_to(node: Node) -> (Result<(), NodeError>, Vec<u8>) {
         let (here, there) = tokio::io::duplex(1000);
         let playing = tokio::spawn(play(there, node));
         let object = Object::read(file()).unwrap();
@@ -470,31 +459,31 @@ mod tests {
             (Status::CannotUnderstand, 0xC000),
         ] {
             let (sent, _) = sent_to(Node::Stores(EXPLICIT, status)).await;
-            assert_eq!(sent, Err(NotStored::Status(expected)));
+            assert_eq!(sent, Err(NodeError::Failed(expected)));
         }
         let (sent, _) = sent_to(Node::Stores("", Status::Success)).await;
-        assert_eq!(sent, Err(NotStored::Class));
+        assert_eq!(sent, Err(NodeError::Class));
         let (sent, _) = sent_to(Node::Stores("1.2.840.10008.1.2.2", Status::Success)).await;
-        assert_eq!(sent, Err(NotStored::Unreadable));
+        assert_eq!(sent, Err(NodeError::Unreadable));
         let user = AssociationRJSource::ServiceUser;
         let congestion = AssociationRJServiceProviderPresentationReason::TemporaryCongestion;
         let congestion = AssociationRJSource::ServiceProviderPresentation(congestion);
         for (result, source, expected) in [
-            (AssociationRJResult::Transient, congestion, NotStored::Busy),
+            (AssociationRJResult::Transient, congestion, NodeError::Busy),
             (
                 AssociationRJResult::Permanent,
                 user(AssociationRJServiceUserReason::CallingAETitleNotRecognized),
-                NotStored::OurTitle,
+                NodeError::OurTitle,
             ),
             (
                 AssociationRJResult::Permanent,
                 user(AssociationRJServiceUserReason::CalledAETitleNotRecognized),
-                NotStored::ItsTitle,
+                NodeError::ItsTitle,
             ),
             (
                 AssociationRJResult::Permanent,
                 user(AssociationRJServiceUserReason::NoReasonGiven),
-                NotStored::Rejected,
+                NodeError::Rejected,
             ),
         ] {
             let rejection = Pdu::AssociationRJ(AssociationRJ { result, source });
@@ -506,22 +495,22 @@ mod tests {
     #[tokio::test]
     async fn a_node_that_leaves_or_lies_has_stored_nothing() {
         let (sent, _) = sent_to(Node::Leaves).await;
-        assert_eq!(sent, Err(NotStored::Lost));
+        assert_eq!(sent, Err(NodeError::Lost));
         let source = AbortRQSource::ServiceUser;
         let (sent, _) = sent_to(Node::Answers(Pdu::AbortRQ { source })).await;
-        assert_eq!(sent, Err(NotStored::Aborted));
+        assert_eq!(sent, Err(NodeError::Aborted));
         let (sent, _) = sent_to(Node::Answers(Pdu::ReleaseRP)).await;
-        assert_eq!(sent, Err(NotStored::Unreadable));
+        assert_eq!(sent, Err(NodeError::Unreadable));
         for lie in [
             &b"HTTP/1.1 400 Bad Request\r\n\r\n"[..],
             &[2, 0, 0xFF, 0xFF, 0xFF, 0xFF],
             &[2, 0, 0, 0, 0, 2, 0, 1],
         ] {
             let (sent, _) = sent_to(Node::Sends(lie)).await;
-            assert_eq!(sent, Err(NotStored::Unreadable), "{lie:?}");
+            assert_eq!(sent, Err(NodeError::Unreadable), "{lie:?}");
         }
         let (sent, _) = sent_to(Node::Sends(&[2, 0, 0])).await;
-        assert_eq!(sent, Err(NotStored::Lost));
+        assert_eq!(sent, Err(NodeError::Lost));
     }
 
     #[test]
@@ -539,12 +528,12 @@ mod tests {
             "a b:1",
         ] {
             let refused = StorageNode::new(address, "A", "B").err();
-            assert_eq!(refused, Some(BadStorageNode::Address), "{address}");
+            assert_eq!(refused, Some(BadNode::StorageAddress), "{address}");
         }
         assert!(StorageNode::new("pacs:104", "CT 1", "B").is_ok());
         for (aet, our_aet) in [("", "B"), ("A", "B "), ("A", "SEVENTEEN-LETTERS")] {
             let refused = StorageNode::new("pacs:104", aet, our_aet).err();
-            assert_eq!(refused, Some(BadStorageNode::Aet));
+            assert_eq!(refused, Some(BadNode::Aet));
         }
     }
 }

@@ -8,9 +8,14 @@ mod web;
 use bytes::Bytes;
 use case::series::Uid;
 
-use crate::dimse::{BadStorageNode, NotStored, StorageNode};
+use crate::dimse::StorageNode;
 
 pub use self::web::{Credentials, WebNode};
+
+/// Out of resources (PS3.4 table B.2-1): `A7xx`.
+const OUT_OF_RESOURCES: u16 = 0xA700;
+
+const PROCESSING_FAILURE: u16 = 0x0110;
 
 /// Why a node of the configuration cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -29,14 +34,19 @@ pub enum BadNode {
     /// It can be used for nothing.
     #[error("a node needs `url` (DICOMweb), or `aet` and `address` (C-STORE), or all three")]
     NoService,
-    /// Its title or its address for C-STORE.
-    #[error(transparent)]
-    Storage(#[from] BadStorageNode),
+    /// Its title for C-STORE, or ours.
+    #[error(
+        "an application entity title must be 1 to 16 printable characters without backslashes, and without spaces at its ends"
+    )]
+    Aet,
+    /// Its address for C-STORE.
+    #[error("`address` must be a host and a port, such as `pacs.example:104`")]
+    StorageAddress,
 }
 
-/// Why a request to a node failed.
+/// Why a request to a node failed. It contains nothing that the node has sent but its status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum NodeError {
+pub enum NodeError {
     #[error("the node cannot be reached")]
     Unreachable,
     #[error("the node did not answer in time")]
@@ -63,25 +73,53 @@ pub(crate) enum NodeError {
     NotStored(u16),
     #[error("the node did not store the object")]
     NotStoredAtAll,
-    #[error(transparent)]
-    Dimse(#[from] NotStored),
+    /// There is no TLS between us.
+    #[error(
+        "no connection by TLS: the node speaks another protocol, or its certificate or ours is not accepted"
+    )]
+    Tls,
+    /// The connection ended too early.
+    #[error("the connection to the node was lost")]
+    Lost,
+    /// It may accept an association later.
+    #[error("the node is busy")]
+    Busy,
+    /// It does not know us.
+    #[error(
+        "the node does not accept our application entity title; register the `aet` of `[pacs.dimse]` there"
+    )]
+    OurTitle,
+    /// It has another title.
+    #[error("the node has another application entity title; correct the `aet` of the node")]
+    ItsTitle,
+    /// It accepts no association of ours.
+    #[error("the node rejected the association")]
+    Rejected,
+    /// It accepts no such object.
+    #[error("the node does not accept objects of this class")]
+    Class,
+    /// It aborted the association.
+    #[error("the node aborted the association")]
+    Aborted,
+    /// It answered C-STORE with a failure.
+    #[error("the node did not store the object (status {0:04X})")]
+    Failed(u16),
+    /// The file is damaged.
+    #[error("the object cannot be read")]
+    Object,
 }
 
 impl NodeError {
     /// Whether the same request may succeed later.
     pub(crate) fn may_pass(self) -> bool {
         match self {
-            Self::Unreachable | Self::Silent => true,
+            Self::Unreachable | Self::Silent | Self::Lost | Self::Busy | Self::Aborted => true,
             Self::Status(status) => status >= 500 || status == 429,
-            // The reasons are the statuses of C-STORE (PS3.18 table I.2-2).
-            Self::NotStored(reason) => NotStored::Status(reason).may_pass(),
-            Self::Dimse(error) => error.may_pass(),
-            Self::Refused
-            | Self::NotFound
-            | Self::NoDicomWeb
-            | Self::NoStow
-            | Self::Unreadable
-            | Self::NotStoredAtAll => false,
+            // The reasons of STOW-RS are the statuses of C-STORE (PS3.18 table I.2-2).
+            Self::NotStored(status) | Self::Failed(status) => {
+                status & 0xFF00 == OUT_OF_RESOURCES || status == PROCESSING_FAILURE
+            }
+            _ => false,
         }
     }
 
@@ -92,23 +130,18 @@ impl NodeError {
 
     pub(crate) fn kind(self) -> &'static str {
         match self {
-            Self::Unreachable | Self::Silent => "node-unreachable",
-            Self::Refused => "node-refused",
+            Self::Unreachable | Self::Silent | Self::Lost => "node-unreachable",
+            Self::Refused | Self::Tls | Self::OurTitle | Self::ItsTitle | Self::Rejected => {
+                "node-refused"
+            }
             Self::NotFound => "node-has-no-such-series",
             Self::NoDicomWeb => "node-has-no-dicomweb",
             Self::NoStow => "node-has-no-stow",
-            Self::Status(_) | Self::Unreadable => "node-failed",
-            Self::NotStored(_) | Self::NotStoredAtAll => "node-did-not-store",
-            Self::Dimse(error) => match error {
-                NotStored::Unreachable | NotStored::Silent | NotStored::Lost => "node-unreachable",
-                NotStored::Tls
-                | NotStored::OurTitle
-                | NotStored::ItsTitle
-                | NotStored::Rejected => "node-refused",
-                NotStored::Busy | NotStored::Aborted | NotStored::Unreadable => "node-failed",
-                NotStored::Class | NotStored::Status(_) => "node-did-not-store",
-                NotStored::Object => "result-lost",
-            },
+            Self::Status(_) | Self::Unreadable | Self::Busy | Self::Aborted => "node-failed",
+            Self::NotStored(_) | Self::NotStoredAtAll | Self::Class | Self::Failed(_) => {
+                "node-did-not-store"
+            }
+            Self::Object => "result-lost",
         }
     }
 }
@@ -171,8 +204,7 @@ impl Node {
             answers.push(("dicomweb", web.test().await));
         }
         if let Recipient::Storage(node) = &self.recipient {
-            let answer = node.echo().await;
-            answers.push(("c-store", answer.map_err(NodeError::from)));
+            answers.push(("c-store", node.echo().await));
         }
         answers
     }
@@ -181,7 +213,7 @@ impl Node {
     pub(crate) async fn store(&self, instance: &Uid, file: &Bytes) -> Result<(), NodeError> {
         match &self.recipient {
             Recipient::Web(web) => web.store(instance, file).await,
-            Recipient::Storage(node) => Ok(node.store(file).await?),
+            Recipient::Storage(node) => node.store(file).await,
         }
     }
 }

@@ -15,16 +15,23 @@ use case::series::{SeriesQuery, Uid};
 use case::{CaseFacts, CaseId, CaseState, SurfaceName};
 use cases::pictures::{PictureSeries, SeriesPicture};
 use cases::{Cases, Error};
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use self::media::{Answer, Kind, accepted};
 use self::query::{RenderedParams, RenderedQuery, Shown};
-use crate::address::{Named, SeriesPath, StudyPath};
 use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
 use http::problem::AppError;
 
 type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
+
+/// A study, or a series of it. The texts may be anything.
+#[derive(Debug, Deserialize)]
+pub(crate) struct Named {
+    study: String,
+    series: Option<String>,
+}
 
 /// Volume rendering of a study
 ///
@@ -35,7 +42,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 /// `overlay_threshold`, `overlay_opacity`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs", operation_id = "render_study",
-    params(StudyPath, RenderedParams),
+    params(("study" = String, Path, description = "The Study Instance UID"), RenderedParams),
     responses(
         (status = 200, description = "The picture, several pictures, or the values of the view (`renderedvolumetricmetadata=yes`)", content(
             (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "multipart/related"), (serde_json::Value = "application/dicom+json"),
@@ -49,11 +56,11 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 )]
 pub(crate) async fn of_study(
     State(pacs): State<Pacs>,
-    Path(path): Path<StudyPath>,
+    Path(named): Path<Named>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
-    render(&pacs, path.into(), keys, &headers).await
+    render(&pacs, named, keys, &headers).await
 }
 
 /// Volume rendering of a series
@@ -61,7 +68,11 @@ pub(crate) async fn of_study(
 /// As `GET /dicomweb/studies/{study}/rendered3D`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs", operation_id = "render_series",
-    params(SeriesPath, RenderedParams),
+    params(
+        ("study" = String, Path, description = "The Study Instance UID"),
+        ("series" = String, Path, description = "The Series Instance UID"),
+        RenderedParams,
+    ),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
         (status = 400, description = "A key of the query is unknown or its value invalid"),
@@ -73,11 +84,11 @@ pub(crate) async fn of_study(
 )]
 pub(crate) async fn of_series(
     State(pacs): State<Pacs>,
-    Path(path): Path<SeriesPath>,
+    Path(named): Path<Named>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
-    render(&pacs, path.into(), keys, &headers).await
+    render(&pacs, named, keys, &headers).await
 }
 
 /// The keys of a query, each once.

@@ -237,10 +237,9 @@ impl<'a> RenderedQuery<'a> {
         let pairs = OWN
             .iter()
             .filter_map(|key| Some((key.into(), self.text(key)?.into())));
-        from_pairs(pairs).map_err(|error| AppError::Query {
-            kind: "query-value-out-of-range",
-            parameter: error.path().to_string().into(),
-            detail: error.into_inner().to_string(),
+        from_pairs(pairs).map_err(|error| {
+            let kind = "query-value-out-of-range";
+            AppError::invalid(kind, error.path().to_string(), error.inner())
         })
     }
 

@@ -17,7 +17,7 @@ use report::ReportFormat;
 use super::draw::Drawing;
 use super::moment::{Moment, value};
 use super::outline::{COMMENT, Outline, hash_of, refuse};
-use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
+use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, What};
 use super::{findings, mask};
 use crate::series::SEVERAL_PATIENTS;
 use crate::state::Pacs;
@@ -106,10 +106,7 @@ impl Composer {
                 let listed = listed(pacs, &study, &plan).await?;
                 let shown = format!("list of {}", listed.len());
                 let outline = Outline::new(write::KEY_OBJECT, shown);
-                (
-                    Content::KeyObject(key_object_title(plan.title), listed),
-                    outline,
-                )
+                (Content::KeyObject(plan.title, listed), outline)
             }
             Plan::Findings(plan) => {
                 value(&source, "FrameOfReferenceUID").ok_or_else(no_frame_of_reference)?;
@@ -134,7 +131,7 @@ impl Composer {
             }
         };
         let made_at = outline.made_at.unwrap_or(case.created_at);
-        let moment = Moment::of(made_at, &source, pacs.time_zone());
+        let moment = Moment::of(made_at, &source, pacs.options().time_zone.as_ref());
         let made_by = [outline.made_by.clone(), format!("{moment:?}")].concat();
         let composer = Self {
             digest: digest(&case, asked, &source, &made_by),
@@ -275,15 +272,6 @@ impl Composer {
         };
         let written = cases.queue.run(work).await?;
         Ok(written.map_err(unwritable)?.into())
-    }
-}
-
-fn key_object_title(title: Title) -> KeyObjectTitle {
-    match title {
-        Title::RejectedForQuality => KeyObjectTitle::RejectedForQuality,
-        Title::RejectedForSafety => KeyObjectTitle::RejectedForSafety,
-        Title::IncorrectWorklistEntry => KeyObjectTitle::IncorrectWorklistEntry,
-        Title::RetentionExpired => KeyObjectTitle::RetentionExpired,
     }
 }
 

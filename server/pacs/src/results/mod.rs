@@ -25,12 +25,9 @@ use crate::error::ReasonView;
 use crate::rendered::media::{accepted_ranges, accepts};
 use crate::state::Pacs;
 use crate::values::{NewResult, NotValid, SentResult};
-use http::fresh::fresh_json;
+use http::fresh::{fresh_json, made_at};
 use http::problem::AppError;
 use http::sent::json_body;
-
-/// Seconds to wait before the first request for the state.
-const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// A result that is sent to a node, or was.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -70,10 +67,10 @@ impl From<SentResult> for ResultView {
         let failure = job.and_then(|job| job.failure.clone());
         Self {
             id: result.id,
-            case: result.case,
-            node: result.node,
-            study: result.study.as_str().to_owned(),
-            instance: result.instance.as_str().to_owned(),
+            case: result.what.case,
+            node: result.what.node,
+            study: result.what.study.as_str().to_owned(),
+            instance: result.what.instance.as_str().to_owned(),
             state: state.name(),
             not_valid: result.not_valid.map(NotValid::name),
             reason: failure
@@ -158,13 +155,7 @@ pub(crate) async fn create_result(
     let queued = queue(&pacs, new, file).await?;
     store.withdraw(&withdrawn).await?;
     let address = format!("/v1/dicom-results/{}", queued.id);
-    let mut response = fresh_json(StatusCode::ACCEPTED, &ResultView::from(queued));
-    let headers = response.headers_mut();
-    if let Ok(address) = HeaderValue::from_str(&address) {
-        headers.insert(header::LOCATION, address);
-    }
-    headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    Ok(response)
+    Ok(made_at(&address, true, &ResultView::from(queued)))
 }
 
 async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, AppError> {
@@ -193,9 +184,10 @@ fn wants_picture(headers: &HeaderMap) -> Result<bool, AppError> {
     if accepts(&ranges, &["image/png", "image/*"]) {
         return Ok(true);
     }
-    Err(AppError::NotAcceptable {
-        offered: &["application/dicom", "image/png"],
-    })
+    Err(AppError::not_acceptable(&[
+        "application/dicom",
+        "image/png",
+    ]))
 }
 
 /// The answer with a preview. Captions may be patient data.

@@ -4,6 +4,7 @@ use case::series::Uid;
 use cases::Error;
 use cases::pictures::{Part, PicturePlan, PictureRequest, PlanError};
 use imaging::dicom::Attributes;
+use imaging::dicom::write::KeyObjectTitle;
 use render::NamedView;
 use report::ReportQuery;
 use serde::de::Error as _;
@@ -103,21 +104,7 @@ pub(crate) struct KeyObjectRequest {
     instances: Vec<String>,
     /// Why.
     #[schema(inline)]
-    pub(crate) title: Title,
-}
-
-/// Why results are withdrawn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum Title {
-    /// For quality reasons.
-    RejectedForQuality,
-    /// For patient safety reasons, such as a wrong patient or side.
-    RejectedForSafety,
-    /// An incorrect worklist entry.
-    IncorrectWorklistEntry,
-    /// The data retention policy has expired.
-    RetentionExpired,
+    pub(crate) title: KeyObjectTitle,
 }
 
 impl KeyObjectRequest {
@@ -287,7 +274,7 @@ pub(crate) enum FindingsPlan {
 pub(crate) struct KeyObjectPlan {
     /// Each once, at least one.
     pub(crate) instances: Vec<Uid>,
-    pub(crate) title: Title,
+    pub(crate) title: KeyObjectTitle,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -22,7 +22,7 @@ use serde::Deserialize;
 use storage::{ObjectName, Spooled, upkeep};
 
 use crate::identity::{InstanceIdentity, Rejection, replaced_series};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Status};
 use crate::store::{ImageStatus, PacsStore};
 use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
@@ -125,21 +125,25 @@ impl Arrivals {
         Ok(self.store().receive(images.collect(), source).await?)
     }
 
-    /// Counts an object that is no image, and of which nothing is kept. What a rejection note names is rejected, by whoever has sent it. Returns
-    /// whether an image with its UID has come, which stays.
+    /// Notes an object that is no image, and of which nothing is kept. What a rejection note names is rejected, if its sender, who has this name in
+    /// the audit record, may reject; otherwise the note is refused. An image with its UID that has come stays.
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub(crate) async fn ignore(
+    pub(crate) async fn note(
         &self,
         identity: InstanceIdentity,
-        source: ArrivalSource,
-        by: &str,
-    ) -> Result<bool, Error> {
+        (source, by): (ArrivalSource, &str),
+        may_reject: bool,
+    ) -> Result<Result<Status, Refusal>, Error> {
         let identity = match self.cases.deidentifies() {
             true => identity.deidentified(),
             false => identity,
         };
+        if identity.rejection.is_some() && !may_reject {
+            self.refuse_rejection(&identity, source, by).await?;
+            return Ok(Err(Refusal::MAY_NOT_REJECT));
+        }
         let is_known = self.store().has_come(&identity.sop_instance_uid).await?;
         if is_known {
             tracing::warn!(
@@ -154,7 +158,10 @@ impl Arrivals {
         if let Some(rejection) = &identity.rejection {
             self.reject(rejection, source, by).await?;
         }
-        Ok(is_known)
+        Ok(Ok(match is_known {
+            true => Status::Corrected,
+            false => Status::Success,
+        }))
     }
 
     async fn reject(
@@ -171,21 +178,13 @@ impl Arrivals {
         Ok(())
     }
 
-    /// Notes that a rejection note was refused, because its sender, who has this name in the audit record, may not reject images. Nothing is
-    /// withdrawn.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub(crate) async fn refuse_rejection(
+    /// Notes that a rejection note was refused, because its sender may not reject images. Nothing is withdrawn.
+    async fn refuse_rejection(
         &self,
-        identity: InstanceIdentity,
+        identity: &InstanceIdentity,
         source: ArrivalSource,
         by: &str,
     ) -> Result<(), Error> {
-        let identity = match self.cases.deidentifies() {
-            true => identity.deidentified(),
-            false => identity,
-        };
         let detail = "the sender of this rejection note may not reject images, so it withdraws nothing; see the scope `dicom-reject` and `may_reject`";
         let reason = Failure::unusable("rejection-not-permitted", detail);
         self.store().ignore(&identity.uids, source, &reason).await?;

@@ -111,7 +111,7 @@ impl PacsStore {
                     .await?
                 {
                     true => CopiedStep::Done,
-                    false => CopiedStep::Lost(result.object),
+                    false => CopiedStep::Lost(result.what.object()),
                 };
                 report(step, &of_pacs);
             }
@@ -185,13 +185,19 @@ impl PacsStore {
         of_pacs: &mut CopyCounts,
     ) -> Result<bool, StoreError> {
         // The layers that it shows may be gone.
-        let made = Made::result(&result.case, &result.id);
+        let made = Made::result(&result.what.case, &result.id);
         let made_of = &made::of(&mut self.store.connect().await?, &made).await?;
         let write = |pinned: Pinned, lost: Vec<ObjectName>| async move {
             Ok(lost.is_empty() && other.write_copied_result(result, made_of, &pinned).await?)
         };
-        let written =
-            copy_objects(&self.store, &other.store, &[result.object], copied, write).await?;
+        let written = copy_objects(
+            &self.store,
+            &other.store,
+            &[result.what.object()],
+            copied,
+            write,
+        )
+        .await?;
         if written {
             of_pacs.results += 1;
         } else if self.result(&result.id).await?.is_some() {

@@ -50,11 +50,12 @@ impl PacsStore {
         let read = |row: &Row| {
             Ok(Rejected {
                 id: row.get("id")?,
-                uids: read_uids(row)?,
-                instances: read_count(row.get("instances")?),
+                study: row.get("study_uid")?,
+                series: row.get("series_uid")?,
+                images: read_count(row.get("instances")?),
                 may_return: row.get::<i64>("may_return")? != 0,
                 by: row.get("rejected_by")?,
-                at: read_time(row, "rejected_at")?,
+                at: read_time(row, "rejected_at")?.to_string(),
             })
         };
         rows.iter().map(read).collect()

@@ -86,7 +86,7 @@ impl PacsStore {
         jobs::enqueue(&mut transaction, &job, now).await?;
         let queued = one(&mut transaction, &id).await?;
         let queued = queued.ok_or_else(|| unreadable("an id"))?;
-        if queued.object != new.object() {
+        if queued.what.object() != new.object() {
             pins::abandon(&mut transaction, vec![new.object()], now).await?;
         }
         transaction.commit().await?;
@@ -102,21 +102,12 @@ impl PacsStore {
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.store.write().await?;
-        if !transaction.has_case(&result.case.to_string()).await?
+        if !transaction.has_case(&result.what.case.to_string()).await?
             || !pins::consume(&mut transaction, pinned).await?
         {
             return Ok(false);
         }
-        let new = NewResult {
-            case: result.case,
-            node: result.node.clone(),
-            study: result.study.clone(),
-            series: result.series.clone(),
-            instance: result.instance.clone(),
-            layers: result.layers.clone(),
-            digest: result.object.digest,
-        };
-        let known = insert(&mut transaction, &new, now).await?;
+        let known = insert(&mut transaction, &result.what, now).await?;
         jobs::remove(&mut transaction, &known).await?;
         transaction
             .execute(
@@ -124,7 +115,7 @@ impl PacsStore {
                 args![&result.id, result.created_at.as_microsecond(), known],
             )
             .await?;
-        let result_images = Made::result(&result.case, &result.id);
+        let result_images = Made::result(&result.what.case, &result.id);
         made::make(&mut transaction, &result_images, made_of).await?;
         if let Some(job) = &result.job {
             jobs::write_copied(&mut transaction, job, now).await?;
@@ -260,7 +251,8 @@ pub(super) async fn not_to_send(
     id: &str,
 ) -> Result<Option<Failure>, StoreError> {
     let result = one(connection, id).await?;
-    let result = result.filter(|result| result.series.sop_class_uid.as_str() != REJECTION_NOTE);
+    let result =
+        result.filter(|result| result.what.series.sop_class_uid.as_str() != REJECTION_NOTE);
     let why = result.and_then(|result| result.not_valid);
     Ok(why.map(|why| Failure::unusable(why.name(), why.sentence())))
 }
@@ -358,13 +350,15 @@ fn read_not_valid(row: &Row) -> Result<Option<NotValid>, StoreError> {
 fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
     Ok(SentResult {
         id: row.get("id")?,
-        case: read_case_of(row)?,
-        node: row.get("node")?,
-        study: read_uid(row, "study_uid")?,
-        series: read_series(row)?,
-        instance: read_uid(row, "sop_instance_uid")?,
-        object: read_object(row)?,
-        layers: read_each(row, "layers", LayerId::parse)?,
+        what: NewResult {
+            case: read_case_of(row)?,
+            node: row.get("node")?,
+            study: read_uid(row, "study_uid")?,
+            series: read_series(row)?,
+            instance: read_uid(row, "sop_instance_uid")?,
+            layers: read_each(row, "layers", LayerId::parse)?,
+            digest: read_digest(row)?,
+        },
         created_at: read_time(row, "created_at")?,
         not_valid: read_not_valid(row)?,
         job,

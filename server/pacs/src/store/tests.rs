@@ -182,10 +182,10 @@ async fn an_inspection_reads_the_images_of_a_pacs() {
     std::fs::write(file_of(&directory, &names[0]), b"damaged").unwrap();
     std::fs::remove_file(file_of(&directory, &names[1])).unwrap();
     let mut findings = inspected(store.store()).await;
-    findings.sort_by_key(|finding| matches!(finding, Defect::DamagedOfTables(_)));
+    findings.sort_by_key(|finding| matches!(finding, Defect::Damaged(..)));
     let expected = [
-        Defect::MissingOfTables(names[1]),
-        Defect::DamagedOfTables(names[0]),
+        Defect::Missing(None, names[1]),
+        Defect::Damaged(None, names[0]),
     ];
     assert_eq!(findings, expected);
 }
@@ -273,13 +273,13 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     assert_eq!(
         (
             sent.job.as_ref().unwrap().state,
-            sent.case,
-            sent.node.as_str()
+            sent.what.case,
+            sent.what.node.as_str()
         ),
         (JobState::Done, case, "pacs")
     );
     assert_eq!(
-        &to.store().object(&sent.object).await.unwrap()[..],
+        &to.store().object(&sent.what.object()).await.unwrap()[..],
         b"a result"
     );
     assert_eq!(files_below(&there.path().join("uploads")).len(), 0);

@@ -119,9 +119,7 @@ pub async fn put_findings(
     cases.ready(&id).await?;
     let known = known_tags(&request).ok_or_else(precondition_required)?;
     let replaced = if is_dicom(&request) {
-        let file = body.map_err(|_| AppError::TooLarge {
-            limit_bytes: MAX_BYTES as u64,
-        })?;
+        let file = body.map_err(|_| AppError::too_large(MAX_BYTES as u64))?;
         match cases.findings_of_dicom(&id, file).await {
             Ok(findings) => cases.replace_findings(&id, &known, findings).await,
             Err(refused) => Err(refused),
@@ -175,11 +173,10 @@ fn answer(replaced: Result<Findings, NotReplaced>) -> Result<Response, AppError>
     match replaced {
         Ok(stored) => as_json(stored)?.respond(&HeaderMap::new()),
         Err(NotReplaced::Changed(current)) => Ok(changed(current)),
-        Err(NotReplaced::Refused(refused)) => Err(AppError::Query {
-            kind: "findings-invalid",
-            parameter: refused.path.into(),
-            detail: refused.detail,
-        }),
+        Err(NotReplaced::Refused(refused)) => {
+            let kind = "findings-invalid";
+            Err(AppError::invalid(kind, refused.path, refused.detail))
+        }
         Err(NotReplaced::Elsewhere(detail)) => Err(AppError::new(
             StatusCode::CONFLICT,
             "findings-elsewhere",

@@ -250,10 +250,8 @@ pub async fn put_mask(
     request: Request,
 ) -> Result<Response, AppError> {
     if is_form(request.headers()) {
-        return Err(AppError::Upload {
-            kind: "form-not-wanted",
-            detail: "send the mask itself as the body, not as a form".to_owned(),
-        });
+        let detail = "send the mask itself as the body, not as a form";
+        return Err(AppError::bad_request("form-not-wanted", detail));
     }
     refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
     let _room = uploads.begin(&request)?;

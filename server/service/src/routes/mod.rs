@@ -260,13 +260,11 @@ pub(crate) async fn answer_in_time(
         .map_err(|_elapsed| {
             if is_of_many {
                 let limit_s = limit.as_secs();
-                AppError::TooSlow {
-                    detail: format!(
+                AppError::too_slow(format!(
                         "these pictures were not drawn within the limit of {limit_s} s; request fewer or smaller ones, in several requests"
-                    ),
-                }
+                    ))
             } else {
-                AppError::TimedOut
+                AppError::timed_out()
             }
         })
 }

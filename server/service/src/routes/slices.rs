@@ -79,5 +79,5 @@ fn named<T: std::str::FromStr>(path: &RawPathParams) -> Result<T, AppError> {
     let plane = path.iter().find(|(name, _)| *name == "plane");
     plane
         .and_then(|(_, text)| text.parse().ok())
-        .ok_or(AppError::NoSuchRoute)
+        .ok_or_else(AppError::no_such_route)
 }

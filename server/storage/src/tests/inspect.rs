@@ -82,10 +82,10 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
     store.objects().put(&stray).await.unwrap();
     let (_, findings) = inspected(&store).await;
     let expected = [
-        Defect::Damaged(version, shared),
-        Defect::Missing(failed, gone),
-        Defect::Damaged(of, paths),
-        Defect::Damaged(of, shared),
+        Defect::Damaged(Some(version), shared),
+        Defect::Missing(Some(failed), gone),
+        Defect::Damaged(Some(of), paths),
+        Defect::Damaged(Some(of), shared),
         Defect::Unreferenced(stray.name),
     ];
     assert_eq!(findings, expected);
@@ -266,7 +266,7 @@ async fn a_case_that_failed_though_its_sources_are_whole_is_named_and_prepared_a
     std::fs::rename(&file, &away).unwrap();
     let (_, mut findings) = inspected(&store).await;
     findings.sort_by_key(|finding| matches!(finding, Defect::FailedThoughWhole(_)));
-    let missing = Defect::Missing(lost, source);
+    let missing = Defect::Missing(Some(lost), source);
     assert_eq!(findings, [missing, Defect::FailedThoughWhole(whole)]);
     std::fs::rename(&away, &file).unwrap();
     let (_, findings) = inspected(&store).await;

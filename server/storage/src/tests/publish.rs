@@ -81,5 +81,5 @@ async fn lost_attributes_are_an_error_and_not_a_case_without_any() {
     std::fs::write(file, b"damaged").unwrap();
     let lost = store.source_dicom(&id).await.unwrap_err();
     assert!(matches!(lost, StoreError::Objects(_)), "{lost:?}");
-    assert_eq!(store.signals().counters().bad_objects, 1);
+    assert_eq!(store.signals().counted(Count::BadObject), 1);
 }

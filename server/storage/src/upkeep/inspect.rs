@@ -12,20 +12,16 @@ use crate::{ObjectName, REMOVALS_AT_ONCE, Store, StoreError, Unreadable};
 /// A problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Defect {
-    /// An object of a case or of a layer is missing.
-    Missing(CaseId, ObjectName),
-    /// An object of a case or of a layer is damaged.
-    Damaged(CaseId, ObjectName),
+    /// An object is missing: of a case or of one of its layers, or one that the tables of another crate name.
+    Missing(Option<CaseId>, ObjectName),
+    /// The same of a damaged object.
+    Damaged(Option<CaseId>, ObjectName),
     /// The findings of a case are damaged.
     DamagedFindings(CaseId),
     /// A case failed because a source was damaged, and its sources are whole now.
     FailedThoughWhole(CaseId),
     /// The same of a layer.
     LayerFailedThoughWhole(CaseId, LayerId),
-    /// An object that the tables of another crate name is missing.
-    MissingOfTables(ObjectName),
-    /// An object that the tables of another crate name is damaged.
-    DamagedOfTables(ObjectName),
     /// An object that no case and no layer needs and no process is about to need.
     Unreferenced(ObjectName),
 }
@@ -85,13 +81,6 @@ pub struct Inspected {
     pub bytes: u64,
 }
 
-/// The state of an object.
-enum Found {
-    Sound,
-    Missing,
-    Damaged,
-}
-
 /// Reads every row and every object, and reports problems. It changes nothing, except that a case with damaged
 /// facts is queued again, as by any other reader.
 ///
@@ -135,10 +124,8 @@ async fn inspect_case(
         other => _ = other?,
     }
     for name in all_objects_of(store, id).await? {
-        let defect = match inspect_object(store, &name, inspected).await? {
-            Found::Sound => continue,
-            Found::Missing => Defect::Missing(*id, name),
-            Found::Damaged => Defect::Damaged(*id, name),
+        let Some(defect) = inspect_object(store, (Some(*id), name), inspected).await? else {
+            continue;
         };
         unsound.push(name);
         // The case or the layer may have been deleted or rebuilt a moment ago.
@@ -182,10 +169,8 @@ async fn inspect_of_tables(
         };
         after = Some(*last);
         for name in names {
-            let defect = match inspect_object(store, &name, inspected).await? {
-                Found::Sound => continue,
-                Found::Missing => Defect::MissingOfTables(name),
-                Found::Damaged => Defect::DamagedOfTables(name),
+            let Some(defect) = inspect_object(store, (None, name), inspected).await? else {
+                continue;
             };
             // It may have become unneeded a moment ago.
             if store.unneeded(&[name]).await?.is_empty() {
@@ -197,17 +182,17 @@ async fn inspect_of_tables(
 
 async fn inspect_object(
     store: &Store,
-    name: &ObjectName,
+    (case, name): (Option<CaseId>, ObjectName),
     inspected: &mut Inspected,
-) -> Result<Found, StoreError> {
+) -> Result<Option<Defect>, StoreError> {
     inspected.objects += 1;
-    match store.objects().get(name).await {
+    match store.objects().get(&name).await {
         Ok(payload) => {
             inspected.bytes += payload.len() as u64;
-            Ok(Found::Sound)
+            Ok(None)
         }
-        Err(Unreadable::Missing) => Ok(Found::Missing),
-        Err(Unreadable::Damaged(_)) => Ok(Found::Damaged),
+        Err(Unreadable::Missing) => Ok(Some(Defect::Missing(case, name))),
+        Err(Unreadable::Damaged(_)) => Ok(Some(Defect::Damaged(case, name))),
         Err(Unreadable::Store(error)) => Err(error.into()),
     }
 }

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use case::{CaseState, Parameters};
 use imaging::Limits;
 use storage::testing::{assert_nothing_left_over, files_below};
-use storage::{CaseQuery, NewMask, Options, Store, StoreError, Version};
+use storage::{CaseQuery, Count, NewMask, Options, Store, StoreError, Version};
 
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::start_workers;
@@ -190,11 +190,11 @@ async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
     let id = submit(&library, "panic").await.id;
     let case = settled(&library, &id).await.unwrap();
     assert_eq!(case.failure.unwrap().name, "preparation-crashed");
-    assert_eq!(library.store().signals().counters().failed, 3);
+    assert_eq!(library.store().signals().counted(Count::Failed), 3);
     let id = submit(&library, "interrupted").await.id;
     let case = settled(&library, &id).await.unwrap();
     assert_eq!(case.state, CaseState::Ready, "it is tried again by itself");
-    assert_eq!(library.store().signals().counters().failed, 3);
+    assert_eq!(library.store().signals().counted(Count::Failed), 3);
     workers.shut_down(GRACE).await;
 }
 

@@ -11,7 +11,7 @@ use pipeline::Source;
 use pipeline::testing::{nifti, phantom, upload};
 use storage::tables::jobs;
 use storage::testing::assert_nothing_left_over;
-use storage::{LayerName, LayerUpload, Store, StoreError};
+use storage::{Count, LayerName, LayerUpload, Store, StoreError};
 use tempfile::TempDir;
 
 use super::{GRACE, as_they_are, expected, load, object_files, open, ready};
@@ -49,11 +49,11 @@ async fn a_damaged_derived_object_of_any_kind_is_made_again() {
         );
         assert_eq!(fake.run_count(), round + 2);
         assert_eq!(
-            library.store().signals().counters().rebuilds,
+            library.store().signals().counted(Count::Rebuild),
             round as u64 + 1
         );
     }
-    assert!(library.store().signals().counters().bad_objects >= 24);
+    assert!(library.store().signals().counted(Count::BadObject) >= 24);
     assert_nothing_left_over(library.store(), directory.path()).await;
 }
 
@@ -186,7 +186,10 @@ async fn a_source_that_is_away_is_an_answer_and_the_case_stays_as_it_is() {
         for seen in 1..=2 {
             assert!(is_source_missing(&library, &id).await, "{away}");
             assert_eq!(state(&library, &id).await, CaseState::Ready);
-            assert_eq!(library.store().signals().counters().missing_sources, seen);
+            assert_eq!(
+                library.store().signals().counted(Count::MissingSource),
+                seen
+            );
         }
         if there.exists() {
             std::fs::remove_dir_all(&there).unwrap();

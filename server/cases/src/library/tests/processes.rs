@@ -7,7 +7,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use case::CaseState;
 use storage::testing::{assert_nothing_left_over, steps};
-use storage::{Options, Store, frame_all};
+use storage::{Count, Options, Store, frame_all};
 
 use super::{GRACE, open};
 use crate::jobs::start_workers;
@@ -107,6 +107,6 @@ async fn a_worker_that_lost_its_lease_publishes_nothing() {
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
     asleep.shut_down(GRACE).await;
     awake.shut_down(GRACE).await;
-    assert_eq!(library.store().signals().counters().prepared, 1);
+    assert_eq!(library.store().signals().counted(Count::Prepared), 1);
     assert_nothing_left_over(library.store(), directory.path()).await;
 }

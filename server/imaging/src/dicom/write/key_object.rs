@@ -2,22 +2,26 @@
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
+use serde::{Deserialize, Serialize};
 
 use super::common::{Head, WriteError, file, referenced};
 use super::content::{related, text};
 use super::item::Item;
 use crate::dicom::code::{self, Code};
 
-/// The reason of a rejection note (CID 7011).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+// The reasons of CID 7011, as clients give them.
+/// Why results are withdrawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
 pub enum KeyObjectTitle {
-    /// The objects are rejected for their quality.
+    /// For quality reasons.
     RejectedForQuality,
-    /// The objects are rejected because they may harm a patient, such as those of a wrong patient or side.
+    /// For patient safety reasons, such as a wrong patient or side.
     RejectedForSafety,
-    /// The objects are rejected because the worklist named a wrong patient or procedure.
+    /// An incorrect worklist entry.
     IncorrectWorklistEntry,
-    /// The objects are not kept any longer.
+    /// The data retention policy has expired.
     RetentionExpired,
 }
 

@@ -519,9 +519,15 @@ impl World {
             return false;
         };
         let result = self.store().result(&claim.key).await.unwrap().unwrap();
-        assert_eq!(self.closed(&result.case), None, "it is of a closed case");
+        assert_eq!(
+            self.closed(&result.what.case),
+            None,
+            "it is of a closed case"
+        );
         let mut results = self.results.iter();
-        let (_, layers) = results.find(|(uid, _)| *uid == result.instance).unwrap();
+        let (_, layers) = results
+            .find(|(uid, _)| *uid == result.what.instance)
+            .unwrap();
         for made_of in layers {
             assert_eq!(self.fold.closed(made_of), None, "it shows a closed layer");
         }
@@ -595,12 +601,16 @@ impl World {
                     return;
                 };
                 assert!(self.store().lift(&latest.id).await.unwrap());
-                let within = (0..PLACES.len()).find(|series| uids(*series) == latest.uids);
+                let is_of = |uids: SeriesUids| {
+                    (uids.study.as_str(), uids.series.as_str())
+                        == (latest.study.as_str(), latest.series.as_str())
+                };
+                let within = (0..PLACES.len()).find(|series| is_of(uids(*series)));
                 let Some((.., last, _)) = self.fold.rejected.last().cloned() else {
                     panic!("nothing is rejected");
                 };
                 assert_eq!(within, Some(last));
-                let mut lifted = latest.instances;
+                let mut lifted = latest.images;
                 while lifted > 0 {
                     lifted -= self.fold.rejected.pop().unwrap().0.len();
                 }

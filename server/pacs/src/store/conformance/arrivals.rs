@@ -486,12 +486,19 @@ pub(crate) async fn what_is_made_of_rejected_images_is_closed_until_that_is_lift
     };
     assert_eq!(
         (
-            &rejected.uids,
-            rejected.instances,
+            rejected.study.as_str(),
+            rejected.series.as_str(),
+            rejected.images,
             rejected.may_return,
             rejected.by.as_str()
         ),
-        (&series(2), 2, false, "a peer")
+        (
+            series(2).study.as_str(),
+            series(2).series.as_str(),
+            2,
+            false,
+            "a peer"
+        )
     );
     // It is remembered for as long as something is made of it.
     subject.pass(400 * DAY);

@@ -88,20 +88,20 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
     let again = queue(store, &new_result(case, "pacs", "two")).await;
     assert_eq!(again, first);
     let known = store.object_of_result(&uid("2.25.7")).await.unwrap();
-    assert_eq!(known, Some(first.object));
+    assert_eq!(known, Some(first.what.object()));
     assert_eq!(store.object_of_result(&uid("2.25.8")).await.unwrap(), None);
     let listed = async |kind| {
         objects_of_tables(store.store(), kind, None, 9)
             .await
             .unwrap()
     };
-    assert_eq!(listed(ObjectKind::Result).await, [first.object]);
+    assert_eq!(listed(ObjectKind::Result).await, [first.what.object()]);
     assert_eq!(listed(ObjectKind::Volume).await, []);
-    let gone = pinned(store.store(), &[first.object]).await;
+    let gone = pinned(store.store(), &[first.what.object()]).await;
     unpin(store.store(), &gone).await.unwrap();
     let two = new_result(case, "pacs", "two").object();
     assert_eq!(
-        mark(store.store(), &[first.object, two], "sweep", LEASE)
+        mark(store.store(), &[first.what.object(), two], "sweep", LEASE)
             .await
             .unwrap(),
         [two]

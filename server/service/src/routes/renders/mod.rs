@@ -52,9 +52,7 @@ pub async fn create_renders(
     request: HeaderMap,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    let body = body.map_err(|_| AppError::TooLarge {
-        limit_bytes: MAX_BODY_BYTES as u64,
-    })?;
+    let body = body.map_err(|_| AppError::too_large(MAX_BODY_BYTES as u64))?;
     let plan = parse(&body)?.plan()?;
     let (offered, file): (&'static [&'static str], _) = match plan.layout {
         Layout::Separate => (&[ZIP], ("zip", 0)),

@@ -34,21 +34,16 @@ pub struct RendersBody {
 /// Reads a body.
 ///
 /// # Errors
-/// [`AppError::Query`] that names the path of what is wrong.
+/// An error that names the path of what is wrong.
 pub(super) fn parse(body: &[u8]) -> Result<RendersBody, AppError> {
-    let refuse = |kind, path: String, detail| AppError::Query {
-        kind,
-        parameter: path.into(),
-        detail,
-    };
-    let json =
-        json_value(body).map_err(|detail| refuse("body-unreadable", ".".to_owned(), detail))?;
+    let unreadable = "body-unreadable";
+    let json = json_value(body).map_err(|detail| AppError::invalid(unreadable, ".", detail))?;
     from_json(json).map_err(|(path, refusal)| {
         let kind = match refusal {
             Refusal::UnknownKey { .. } => "body-unknown-key",
-            _ => "body-unreadable",
+            _ => unreadable,
         };
-        refuse(kind, path, refusal.to_string())
+        AppError::invalid(kind, path, refusal)
     })
 }
 

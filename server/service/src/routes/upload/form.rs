@@ -41,7 +41,7 @@ impl Form {
         let request = request.map(|body| budget.watch(body));
         let mut form = Multipart::from_request(request, &())
             .await
-            .map_err(|_| AppError::UnsupportedMediaType)?;
+            .map_err(|_| AppError::not_a_form())?;
         let (mut volume, mut mask, mut sent) = (None, None, None);
         let mut dicom = DicomParts::default();
         while let Some(field) = incoming.in_time(form.next_field()).await? {
@@ -88,26 +88,19 @@ pub(super) fn only_one(
             "the form has both `volume` and `dicom`; send only one of them",
         ),
     };
-    Err(AppError::Upload {
-        kind,
-        detail: detail.to_owned(),
-    })
+    Err(AppError::bad_request(kind, detail))
 }
 
 /// The name is not repeated, because it may be anything, such as the name of a patient.
 pub(super) fn unknown_part_of(known: &str) -> AppError {
-    AppError::Upload {
-        kind: "unknown-part",
-        detail: format!("the form has an unknown part; send only {known}"),
-    }
+    let detail = format!("the form has an unknown part; send only {known}");
+    AppError::bad_request("unknown-part", detail)
 }
 
 pub(super) fn set_once<T>(slot: &mut Option<T>, name: &str, value: T) -> Result<(), AppError> {
     if slot.is_some() {
-        return Err(AppError::Upload {
-            kind: "part-twice",
-            detail: format!("the form has two parts `{name}`; send only one"),
-        });
+        let detail = format!("the form has two parts `{name}`; send only one");
+        return Err(AppError::bad_request("part-twice", detail));
     }
     *slot = Some(value);
     Ok(())
@@ -119,9 +112,8 @@ pub(super) async fn read_parameters(
     field: Field<'_>,
 ) -> Result<Map<String, Value>, AppError> {
     let text = incoming.short(field, MAX_PARAMETERS_BYTES).await?;
-    let text = text.ok_or_else(|| AppError::PartTooLarge {
-        detail: format!("the part `parameters` is larger than {MAX_PARAMETERS_BYTES} bytes"),
-    })?;
+    let too_large = || format!("the part `parameters` is larger than {MAX_PARAMETERS_BYTES} bytes");
+    let text = text.ok_or_else(|| AppError::part_too_large(too_large()))?;
     object_of(&text)
 }
 
@@ -139,10 +131,7 @@ pub(super) fn unreadable(key: &str, what: &dyn std::fmt::Display) -> AppError {
         "." => format!("the part `parameters` {what}"),
         key => format!("`{key}` in the part `parameters` {what}"),
     };
-    AppError::Upload {
-        kind: "parameters-unreadable",
-        detail,
-    }
+    AppError::bad_request("parameters-unreadable", detail)
 }
 
 impl SentParameters {

@@ -2,7 +2,6 @@
 
 use axum::extract::multipart::Multipart;
 use axum::extract::{FromRequest as _, Request, State};
-use axum::http::{StatusCode, header};
 use axum::response::Response;
 use case::{Contrast, LayerKind, LayerParameters, Transform};
 use cases::dicom::{Options, Purpose};
@@ -13,13 +12,12 @@ use utoipa::ToSchema;
 
 use super::form::{only_one, read_parameters, set_once, take_options, unknown_part_of, unreadable};
 use super::parts::{DicomParts, Incoming};
-use super::{RETRY_SECONDS, refuse_early};
+use super::refuse_early;
 use crate::routes::asked::CasePath;
 use crate::routes::layers::{LayerView, address_of};
 use crate::state::Uploads;
-use http::conditional;
 use http::form_body::HeaderBudget;
-use http::fresh::fresh_json;
+use http::fresh::made_at;
 use http::problem::AppError;
 use http::query::{ApiQuery, NoQuery};
 use http::sent::from_json;
@@ -114,19 +112,9 @@ pub async fn create_layer(
         parameters,
     };
     let (added, choice) = cases.add_layer(new).await?;
-    let status = match added.created {
-        true => StatusCode::ACCEPTED,
-        false => StatusCode::OK,
-    };
     let address = address_of(&added.layer);
     let view = LayerView::of_layer(&added.layer).choosing(choice);
-    let mut response = fresh_json(status, &view);
-    let headers = response.headers_mut();
-    conditional::insert(headers, header::LOCATION, &address);
-    if added.created {
-        headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    }
-    Ok(response)
+    Ok(made_at(&address, added.created, &view))
 }
 
 /// A form, read to its end.
@@ -142,7 +130,7 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
     let request = request.map(|body| budget.watch(body));
     let mut form = Multipart::from_request(request, &())
         .await
-        .map_err(|_| AppError::UnsupportedMediaType)?;
+        .map_err(|_| AppError::not_a_form())?;
     let (mut volume, mut labels, mut sent) = (None, None, None);
     let mut dicom = DicomParts::default();
     while let Some(field) = incoming.in_time(form.next_field()).await? {
@@ -153,9 +141,9 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
             "dicom" => dicom.add(incoming, field).await?,
             "labels" => {
                 let text = incoming.short(field, MAX_LABELS_BYTES).await?;
-                let text = text.ok_or_else(|| AppError::PartTooLarge {
-                    detail: format!("the part `labels` is larger than {MAX_LABELS_BYTES} bytes"),
-                })?;
+                let too_large =
+                    || format!("the part `labels` is larger than {MAX_LABELS_BYTES} bytes");
+                let text = text.ok_or_else(|| AppError::part_too_large(too_large()))?;
                 set_once(&mut labels, &name, text)?;
             }
             "parameters" => {
@@ -172,9 +160,9 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
     let mut object = sent.unwrap_or_default();
     let options = take_options(&mut object)?;
     let sent = from_json(serde_json::Value::Object(object));
-    let labels = String::from_utf8(labels.unwrap_or_default()).map_err(|_| AppError::Upload {
-        kind: "labels-unreadable",
-        detail: "the part `labels` is not UTF-8 text".to_owned(),
+    let labels = String::from_utf8(labels.unwrap_or_default());
+    let labels = labels.map_err(|_| {
+        AppError::bad_request("labels-unreadable", "the part `labels` is not UTF-8 text")
     })?;
     Ok(Received {
         volume: only_one(volume, dicom.into_directory())?,

@@ -4,9 +4,8 @@ mod form;
 pub mod layer;
 mod parts;
 
-use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use cases::Cases;
 use cases::dicom::Choice;
@@ -16,15 +15,11 @@ use utoipa::ToSchema;
 use self::form::Form;
 use super::cases::{CaseView, address_of};
 use crate::state::Uploads;
-use http::conditional;
-use http::fresh::fresh_json;
+use http::fresh::made_at;
 use http::problem::AppError;
 use http::query::{ApiQuery, NoQuery};
 
 pub(super) use self::parts::Incoming;
-
-/// Seconds to wait before the first request for a new case.
-const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// The parts of an upload.
 #[derive(Debug, ToSchema)]
@@ -96,42 +91,26 @@ pub async fn create_case(
 
 /// The answer with a case and the choice among DICOM files: 202 if the case is new.
 pub(super) fn submitted(submitted: Submitted, choice: Option<Choice>) -> Response {
-    let status = if submitted.created {
-        StatusCode::ACCEPTED
-    } else {
-        StatusCode::OK
-    };
     let address = address_of(&submitted.case.id);
-    let mut response: Response<Body> =
-        fresh_json(status, &CaseView::from(submitted.case).choosing(choice));
-    let headers = response.headers_mut();
-    conditional::insert(headers, header::LOCATION, &address);
-    if submitted.created {
-        headers.insert(header::RETRY_AFTER, RETRY_SECONDS);
-    }
-    response
+    let view = CaseView::from(submitted.case).choosing(choice);
+    made_at(&address, submitted.created, &view)
 }
 
 fn not_of_nifti() -> AppError {
-    AppError::Upload {
-        kind: "parameters-unreadable",
-        detail:
-            "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM"
-                .to_owned(),
-    }
+    let detail =
+        "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM";
+    AppError::bad_request("parameters-unreadable", detail)
 }
 
 fn not_of_dicom() -> AppError {
-    AppError::Upload {
-        kind: "parameters-unreadable",
-        detail: "`affine` is only accepted for NIfTI files; `volume` is DICOM".to_owned(),
-    }
+    let detail = "`affine` is only accepted for NIfTI files; `volume` is DICOM";
+    AppError::bad_request("parameters-unreadable", detail)
 }
 
 /// Rejects a request before its body is read, if possible.
 fn refuse_early(headers: &HeaderMap, limit_bytes: u64) -> Result<(), AppError> {
     if !is_form(headers) {
-        return Err(AppError::UnsupportedMediaType);
+        return Err(AppError::not_a_form());
     }
     refuse_too_large(headers, limit_bytes)
 }
@@ -152,7 +131,7 @@ pub(super) fn refuse_too_large(headers: &HeaderMap, limit_bytes: u64) -> Result<
         text(headers, header::CONTENT_LENGTH).and_then(|length| length.parse().ok());
     let limit_of_form = limit_bytes.saturating_add(super::FORM_OVERHEAD_BYTES);
     if length.is_some_and(|length| length > limit_of_form) {
-        return Err(AppError::TooLarge { limit_bytes });
+        return Err(AppError::too_large(limit_bytes));
     }
     Ok(())
 }

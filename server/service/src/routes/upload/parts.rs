@@ -41,34 +41,27 @@ impl PieceError for MultipartError {
     fn refusal(&self, limits: &UploadLimits) -> AppError {
         match self.status() {
             StatusCode::PAYLOAD_TOO_LARGE => too_large(limits),
-            _ => AppError::Upload {
-                kind: "form-unreadable",
-                detail: "the form cannot be read; was the upload cut off?".to_owned(),
-            },
+            _ => {
+                let detail = "the form cannot be read; was the upload cut off?";
+                AppError::bad_request("form-unreadable", detail)
+            }
         }
     }
 }
 
 impl PieceError for axum::Error {
     fn refusal(&self, _limits: &UploadLimits) -> AppError {
-        AppError::Upload {
-            kind: "body-unreadable",
-            detail: "the body cannot be read; was the upload cut off?".to_owned(),
-        }
+        let detail = "the body cannot be read; was the upload cut off?";
+        AppError::bad_request("body-unreadable", detail)
     }
 }
 
 fn too_large(limits: &UploadLimits) -> AppError {
-    AppError::TooLarge {
-        limit_bytes: limits.max_bytes,
-    }
+    AppError::too_large(limits.max_bytes)
 }
 
 fn stalled(detail: String) -> AppError {
-    AppError::Upload {
-        kind: "upload-stalled",
-        detail,
-    }
+    AppError::bad_request("upload-stalled", detail)
 }
 
 impl<'a> Incoming<'a> {
@@ -92,7 +85,7 @@ impl<'a> Incoming<'a> {
     /// Waits for the next piece, within the time limits.
     ///
     /// # Errors
-    /// [`AppError::Upload`] if it comes too late; [`PieceError::refusal`].
+    /// An error if it comes too late; [`PieceError::refusal`].
     pub(super) async fn in_time<T, E: PieceError>(
         &self,
         piece: impl Future<Output = Result<T, E>>,
@@ -124,7 +117,7 @@ impl<'a> Incoming<'a> {
     /// Streams a file to the disk of the store.
     ///
     /// # Errors
-    /// [`AppError::TooLarge`], what comes too late or cannot be read, or the disk's.
+    /// The error of what is too large, comes too late or cannot be read, or the disk's.
     pub(in crate::routes) async fn spool<E: PieceError>(
         &self,
         mut pieces: impl Stream<Item = Result<Bytes, E>> + Unpin,
@@ -176,7 +169,7 @@ impl DicomParts {
             let detail = format!(
                 "the form has more than {MAX_DICOM_PARTS} parts `dicom`; send them as a zip"
             );
-            return Err(AppError::PartTooLarge { detail });
+            return Err(AppError::part_too_large(detail));
         }
         let directory = match &mut self.directory {
             Some(directory) => directory,
@@ -193,7 +186,7 @@ impl DicomParts {
             if self.bytes > limit {
                 let detail =
                     format!("the parts `dicom` together exceed the limit of {limit} bytes");
-                return Err(AppError::PartTooLarge { detail });
+                return Err(AppError::part_too_large(detail));
             }
             incoming.metrics.uploaded(bytes.len());
             file.write_all(&bytes).await.map_err(disk)?;
