@@ -68,7 +68,11 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
 /// Closes what the server has inherited from who started it, and passes on with every process. Nothing else is open yet but the
 /// three standard files.
 fn close_inherited() {
-    let open = std::fs::read_dir("/proc/self/fd").into_iter().flatten();
+    let open = match cfg!(target_os = "linux") {
+        true => "/proc/self/fd",
+        false => "/dev/fd",
+    };
+    let open = std::fs::read_dir(open).into_iter().flatten();
     let numbers = open.filter_map(|file| file.ok()?.file_name().to_str()?.parse::<i32>().ok());
     // All are read first: one of them is the directory, which is closed by then.
     for number in numbers.filter(|&number| number > 2).collect::<Vec<_>>() {
