@@ -59,6 +59,11 @@ pub enum StoreError {
         /// The newest schema that this version knows.
         known: i64,
     },
+    /// The rows were written before the first release.
+    #[error(
+        "the store was written by a development version of Isocortex: open it with that version, or use another directory"
+    )]
+    DevelopmentSchema,
     /// There is no store at a location.
     #[error(
         "there is no store here: {0}. Is the folder mounted, and is the address right? `isocortex init-store`, with the same options, makes a new store"

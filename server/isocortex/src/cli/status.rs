@@ -1,6 +1,7 @@
 //! Exit statuses.
 
 use std::fmt::Display;
+use std::io::ErrorKind;
 use std::process::ExitCode;
 
 use crate::config::ConfigError;
@@ -87,7 +88,19 @@ impl From<StoreError> for CliError {
             _ => cause.to_string(),
         });
         let cause = cause.map(|cause| format!(": {cause}"));
-        Self::new(status, format!("{error}{}", cause.unwrap_or_default()))
+        let hint = match &error {
+            StoreError::Disk(cause)
+                if matches!(
+                    cause.kind(),
+                    ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem
+                ) =>
+            {
+                "; use a folder that this user may write (`--data`)"
+            }
+            _ => "",
+        };
+        let cause = cause.unwrap_or_default();
+        Self::new(status, format!("{error}{cause}{hint}"))
     }
 }
 
@@ -155,5 +168,14 @@ mod tests {
         assert_eq!(unusable.message, "what is wrong");
         let fault = CliError::from(failure(FailureKind::Internal));
         assert_eq!(fault.status, ExitStatus::Internal);
+    }
+    #[test]
+    fn a_folder_that_cannot_be_written_leads_to_another_one() {
+        for kind in [ErrorKind::PermissionDenied, ErrorKind::ReadOnlyFilesystem] {
+            let error = CliError::from(StoreError::from(std::io::Error::from(kind)));
+            assert!(error.message.ends_with("(`--data`)"), "{}", error.message);
+        }
+        let full = StoreError::from(std::io::Error::from(ErrorKind::StorageFull));
+        assert!(!CliError::from(full).message.contains("--data"));
     }
 }

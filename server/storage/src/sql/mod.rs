@@ -212,9 +212,11 @@ where
     });
     let migrator = Migrator::with_migrations(steps.collect());
     migrator.run(pool).await.map_err(|error| match error {
-        // Those before the first one are of development versions.
         MigrateError::VersionMissing(found) if found > first => {
             StoreError::NewerSchema { found, known }
+        }
+        MigrateError::VersionMissing(_) | MigrateError::VersionMismatch(_) => {
+            StoreError::DevelopmentSchema
         }
         other => other.into(),
     })

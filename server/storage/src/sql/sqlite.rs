@@ -531,22 +531,33 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {
-        let directory = tempfile::tempdir().unwrap();
-        let file = directory.path().join("rows.sqlite");
-        let store = at(&file).await.unwrap();
-        sqlx::query(
-            "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
-             VALUES (9999, 'later', TRUE, x'00', 0)",
-        )
-        .execute(pool(&store))
-        .await
-        .unwrap();
-        pool(&store).close().await;
-        let before = std::fs::read(&file).unwrap();
-        let error = at(&file).await.unwrap_err();
-        assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
-        assert!(error.to_string().contains("newer version"), "{error}");
-        assert_eq!(std::fs::read(&file).unwrap(), before);
+    async fn rows_of_another_version_are_refused_in_words_and_left_as_they_are() {
+        let cases = [
+            (
+                "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+                 VALUES (9999, 'later', TRUE, x'00', 0)",
+                "newer version",
+            ),
+            (
+                "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+                 VALUES (99, 'earlier', TRUE, x'00', 0)",
+                "development version",
+            ),
+            (
+                "UPDATE _sqlx_migrations SET checksum = x'00' WHERE version = 100",
+                "development version",
+            ),
+        ];
+        for (change, words) in cases {
+            let directory = tempfile::tempdir().unwrap();
+            let file = directory.path().join("rows.sqlite");
+            let store = at(&file).await.unwrap();
+            sqlx::query(change).execute(pool(&store)).await.unwrap();
+            pool(&store).close().await;
+            let before = std::fs::read(&file).unwrap();
+            let error = at(&file).await.unwrap_err();
+            assert!(error.to_string().contains(words), "{change}: {error}");
+            assert_eq!(std::fs::read(&file).unwrap(), before);
+        }
     }
 }
