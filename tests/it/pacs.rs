@@ -257,6 +257,17 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     assert_eq!(arrival["last_refusal"], of_address);
     assert_eq!(arrival["instances"], 1);
 
+    // By DIMSE it is the same.
+    let address = dimse(&neighbour, dimse_options()).await;
+    let node = StorageNode::new(&address.to_string(), "ISOCORTEX", "SENDER").unwrap();
+    let refused = node.store(&with_head(&parts[5], "1.2.3.4.4").into()).await;
+    assert_eq!(refused, Err(NodeError::Failed(0xC000)));
+    let arrivals = neighbour.server.get("/v1/arrivals").await.json();
+    let arrival = &arrivals["arrivals"][0];
+    assert_eq!(arrival["refused_objects"], 5, "{arrival}");
+    let why = arrival["last_refusal"].as_str().unwrap();
+    assert!(why.contains(of_length), "{why}");
+
     let mut report = report;
     // No sender makes rows without end, and none takes the place of what was stored.
     let reports = (0..101).map(|number| {
@@ -450,6 +461,19 @@ async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alon
     let noted = "the images that it names are rejected; it is not kept itself";
     assert_eq!(comments(&heeded.json(), "00081199"), [noted]);
     assert_eq!(launched().await, Value::Null);
+}
+
+/// The file of a slice with the head that a sender by C-STORE needs.
+fn with_head(file: &[u8], instance: &str) -> Vec<u8> {
+    let (syntax, data_set) = file[132..].split_at(8 + usize::from(file[138]));
+    let mut meta = DataSet::new(Syntax::Explicit);
+    meta.text([2, 2], "UI", "1.2.840.10008.5.1.4.1.1.4");
+    meta.text([2, 3], "UI", instance);
+    meta.bytes.extend(syntax);
+    let mut head = DataSet::new(Syntax::Explicit);
+    let length = meta.bytes.len() as u32;
+    head.bytes([2, 0], "UL", &length.to_le_bytes());
+    [&file[..132], &head.bytes, &meta.bytes, data_set].concat()
 }
 
 /// The file of a slice with more texts, or other ones.

@@ -117,7 +117,7 @@ impl<'a> Incoming<'a> {
     /// Streams a file to the disk of the store.
     ///
     /// # Errors
-    /// The error of what is too large, comes too late or cannot be read, or the disk's.
+    /// An error if it is too large, comes too late or cannot be read, or the disk's.
     pub(in crate::routes) async fn spool<E: PieceError>(
         &self,
         mut pieces: impl Stream<Item = Result<Bytes, E>> + Unpin,
