@@ -25,7 +25,9 @@ CREATE TABLE cases (
     uploaded_at       BIGINT,
     kept              BOOLEAN          NOT NULL DEFAULT FALSE,
     previous          TEXT COLLATE "C" REFERENCES cases (id),
-    closed            BIGINT           NOT NULL DEFAULT 0 -- why it is closed: 1 rejected, 2 corrected; see `made_of`
+    closed            BIGINT           NOT NULL DEFAULT 0, -- why it is closed: 1 rejected, 2 corrected; see `made_of`
+    places            BIGINT,
+    trashed           BOOLEAN          NOT NULL DEFAULT FALSE
 );
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
@@ -89,9 +91,10 @@ CREATE TABLE fence (value BIGINT NOT NULL);
 INSERT INTO fence (value) VALUES (0);
 
 CREATE TABLE expiry (
-    seen_at BIGINT,
-    day     BIGINT NOT NULL,
-    removed BIGINT NOT NULL
+    seen_at          BIGINT,
+    day              BIGINT NOT NULL,
+    removed          BIGINT NOT NULL,
+    received_seen_at BIGINT
 );
 INSERT INTO expiry (day, removed) VALUES (0, 0);
 
@@ -137,6 +140,7 @@ CREATE TABLE layers (
     created_at   BIGINT           NOT NULL,
     series_uid   TEXT COLLATE "C",   -- of the images that it is made of
     closed       BIGINT           NOT NULL DEFAULT 0, -- as of `cases`
+    places       BIGINT,
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 );
@@ -172,7 +176,9 @@ CREATE TABLE findings (
     case_id    TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
     document   TEXT             NOT NULL,
     digest     TEXT COLLATE "C" NOT NULL,
-    changed_at BIGINT           NOT NULL
+    changed_at BIGINT           NOT NULL,
+    kept       BIGINT           NOT NULL DEFAULT 0,
+    readers    TEXT             NOT NULL DEFAULT ''
 );
 
 -- Which images a case, a layer or the layers of a result were made of, whoever brought them.

@@ -24,7 +24,9 @@ CREATE TABLE cases (
     uploaded_at       INTEGER, -- the latest upload of the same input, from which the age counts; NULL if there was only one
     kept              INTEGER NOT NULL DEFAULT 0, -- whether it is never removed because of its age
     previous          TEXT    REFERENCES cases (id), -- the case of which this is a version, with another mask or other parameters
-    closed            INTEGER NOT NULL DEFAULT 0 -- why it is closed: 1 rejected, 2 corrected; see `made_of`
+    closed            INTEGER NOT NULL DEFAULT 0, -- why it is closed: 1 rejected, 2 corrected; see `made_of`
+    places            INTEGER, -- how many places of its maps stand out; NULL until they are computed or read
+    trashed           INTEGER NOT NULL DEFAULT 0 -- whether lists leave it out
 ) STRICT;
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
@@ -89,9 +91,10 @@ INSERT INTO fence (value) VALUES (0);
 
 -- One row: what the removal of old cases knows of the clock, and how many went on which day.
 CREATE TABLE expiry (
-    seen_at INTEGER, -- the last time that was believed; NULL at first
-    day     INTEGER NOT NULL, -- since 1970
-    removed INTEGER NOT NULL  -- on that day
+    seen_at          INTEGER, -- the last time that was believed; NULL at first
+    day              INTEGER NOT NULL, -- since 1970
+    removed          INTEGER NOT NULL, -- on that day
+    received_seen_at INTEGER  -- as `seen_at`, of the removal of what a PACS has sent, which is kept for another time than cases
 ) STRICT;
 INSERT INTO expiry (day, removed) VALUES (0, 0);
 
@@ -119,6 +122,7 @@ CREATE TABLE layers (
     created_at   INTEGER NOT NULL,
     series_uid   TEXT,   -- of the images that it is made of
     closed       INTEGER NOT NULL DEFAULT 0, -- as of `cases`
+    places       INTEGER, -- as of `cases`, of its own map
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 ) STRICT;
@@ -143,7 +147,9 @@ CREATE TABLE findings (
     case_id    TEXT    NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
     document   TEXT    NOT NULL, -- JSON
     digest     TEXT    NOT NULL, -- BLAKE3 of `document`, which is also its version
-    changed_at INTEGER NOT NULL
+    changed_at INTEGER NOT NULL,
+    kept       INTEGER NOT NULL DEFAULT 0, -- how many of `document` are not dismissed
+    readers    TEXT    NOT NULL DEFAULT '' -- the names of their authors, a line each
 ) STRICT;
 
 -- Which images a case, a layer or the layers of a result were made of, whoever brought them.

@@ -38,41 +38,17 @@ pub(crate) use self::connection::microseconds;
 use self::connection::{Connection, Database, Migrations, Tables, Way};
 use super::StoreError;
 
-const SQLITE: &Migrations = &[
-    (
-        100,
-        "store",
-        include_str!("../../migrations/sqlite/0100_store.sql"),
-    ),
-    (
-        120,
-        "worklist",
-        include_str!("../../migrations/sqlite/0120_worklist.sql"),
-    ),
-    (
-        121,
-        "expiry",
-        include_str!("../../migrations/sqlite/0121_expiry.sql"),
-    ),
-];
+const SQLITE: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/sqlite/0100_store.sql"),
+)];
 
-const POSTGRES: &Migrations = &[
-    (
-        100,
-        "store",
-        include_str!("../../migrations/postgres/0100_store.sql"),
-    ),
-    (
-        120,
-        "worklist",
-        include_str!("../../migrations/postgres/0120_worklist.sql"),
-    ),
-    (
-        121,
-        "expiry",
-        include_str!("../../migrations/postgres/0121_expiry.sql"),
-    ),
-];
+const POSTGRES: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/postgres/0100_store.sql"),
+)];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
