@@ -18,6 +18,8 @@ CREATE TABLE arrivals (
     instances        BIGINT NOT NULL DEFAULT 0,
     corrected        BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          BIGINT NOT NULL DEFAULT 0, -- objects that were not kept
+    refused_objects  BIGINT NOT NULL DEFAULT 0, -- as often as they came
+    last_refusal     TEXT,    -- why the last of them was refused
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
     last_at          BIGINT NOT NULL,

@@ -18,6 +18,8 @@ CREATE TABLE arrivals (
     instances        INTEGER NOT NULL DEFAULT 0,
     corrected        INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          INTEGER NOT NULL DEFAULT 0, -- objects that were not kept
+    refused_objects  INTEGER NOT NULL DEFAULT 0, -- as often as they came
+    last_refusal     TEXT,    -- why the last of them was refused
     expected         INTEGER, -- how many the sender says there are
     first_at         INTEGER NOT NULL,
     last_at          INTEGER NOT NULL,

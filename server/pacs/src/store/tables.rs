@@ -12,31 +12,17 @@ use super::columns::{count, read_digest};
 use super::{arrivals, images, results};
 use crate::values::{SEND, SERIES};
 
-const SQLITE: &Migrations = &[
-    (
-        110,
-        "pacs",
-        include_str!("../../migrations/sqlite/0110_pacs.sql"),
-    ),
-    (
-        122,
-        "refused",
-        include_str!("../../migrations/sqlite/0122_refused.sql"),
-    ),
-];
+const SQLITE: &Migrations = &[(
+    110,
+    "pacs",
+    include_str!("../../migrations/sqlite/0110_pacs.sql"),
+)];
 
-const POSTGRES: &Migrations = &[
-    (
-        110,
-        "pacs",
-        include_str!("../../migrations/postgres/0110_pacs.sql"),
-    ),
-    (
-        122,
-        "refused",
-        include_str!("../../migrations/postgres/0122_refused.sql"),
-    ),
-];
+const POSTGRES: &Migrations = &[(
+    110,
+    "pacs",
+    include_str!("../../migrations/postgres/0110_pacs.sql"),
+)];
 
 /// The tables of the PACS. Every store of the program has them ([`storage::Options::tables`]).
 #[derive(Debug)]

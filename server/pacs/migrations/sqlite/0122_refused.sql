@@ -1,3 +1,0 @@
--- Objects of a series that were refused, as often as they came, and why the last of them was.
-ALTER TABLE arrivals ADD COLUMN refused_objects INTEGER NOT NULL DEFAULT 0;
-ALTER TABLE arrivals ADD COLUMN last_refusal TEXT;
