@@ -107,7 +107,10 @@ page_tests() { npm test --silent --prefix web; }
 browser_test() {
   local output status=0
   output=$(with_retries "$1" node --test "$1" 2>&1) || status=$?
-  echo "$output"
+  {
+    flock 9
+    echo "$output"
+  } 9>"$ISOCORTEX_PREPARED_DEMO.lock"
   return "$status"
 }
 browser_tests() {

@@ -41,7 +41,8 @@ let origin: string;
 before(
   async () => {
     if (skip) return;
-    stage = await startStage("serve", async () => ["--keep-days", "3650"]);
+    // The server is started again at its port, which no other test may have taken by then.
+    stage = await startStage("serve", async () => ["--keep-days", "3650"], 21_640);
     ({ server, browser } = stage);
     watched = await openPage(browser);
     page = watched.page;

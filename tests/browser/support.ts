@@ -171,6 +171,7 @@ export interface Stage {
 export async function startStage(
   command: "demo" | "serve",
   writeOptions: (folder: string) => Promise<readonly string[]> = async () => [],
+  port?: number,
 ): Promise<Stage> {
   const { folder, clean } = await scratchFolder();
   const data = path.join(folder, "data");
@@ -179,7 +180,7 @@ export async function startStage(
     browser = await launchBrowser();
     const prepared = process.env.ISOCORTEX_PREPARED_DEMO;
     if (command === "demo" && prepared) await cp(path.resolve(ROOT, prepared), data, { recursive: true });
-    const server = await startServer({ command, data, options: await writeOptions(folder) });
+    const server = await startServer({ command, data, port, options: await writeOptions(folder) });
     const stage: Stage = {
       folder,
       data,

@@ -502,7 +502,7 @@ test(
 );
 
 test(
-  "axe finds nothing, in both themes and languages, in every layout and dialog",
+  "axe finds nothing, in each theme and in each language, in every layout and dialog",
   { skip, timeout: 600_000 },
   async () => {
     const check = async (where: string): Promise<void> => assert.deepEqual(await violations(page), [], where);

@@ -284,6 +284,15 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     assert_eq!(list[0]["last_refusal"], of_class);
     assert_eq!(list[99]["series"], "1.2.3.10.1");
     assert_eq!(list[100]["id"], arrival["id"]);
+
+    // A link to such a series still says that it is not there, so that it can be fetched.
+    let query = json!({"query": "study=1.2.3&series=1.2.3.10.1"}).to_string();
+    let request = Request::post("/v1/launch").body(query.into()).unwrap();
+    let launched = neighbour.server.send(request).await.json();
+    assert_eq!(
+        (&launched["state"], &launched["series"]),
+        (&json!("absent"), &json!("1.2.3.10.1"))
+    );
 }
 
 #[tokio::test]

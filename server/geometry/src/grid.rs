@@ -152,7 +152,8 @@ impl Grid {
         voxel_at(index, self.size)
     }
 
-    /// The index of the voxel whose centre is nearest to a position in voxel coordinates; `None` beyond the grid.
+    /// The index of the voxel whose centre is nearest to a position in voxel coordinates; `None` beyond the grid, and on its
+    /// outer faces.
     pub fn nearest(&self, position_in_voxel: DVec3) -> Option<usize> {
         let place = position_in_voxel.round();
         let last = as_position(self.size.map(|side| side - 1));

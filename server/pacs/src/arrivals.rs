@@ -62,7 +62,7 @@ pub(crate) struct ArrivalView {
     ignored: usize,
     /// Objects that were refused, as often as they were sent. The latest 100 series of which nothing else has come are listed.
     refused_objects: usize,
-    /// Why the last of them was refused, as its sender was told.
+    /// Why the last of them was refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     last_refusal: Option<String>,
     /// How many there are, if the sender has stated it.

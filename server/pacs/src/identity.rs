@@ -3,6 +3,7 @@
 use case::images::Fingerprint;
 use case::series::{AccessionNumber, SeriesUids, Uid};
 use case::{Failure, Parameters};
+use cases::dicom::READER_DIED;
 use cases::{Cases, Error};
 use imaging::dicom::Identity;
 use storage::Spooled;
@@ -47,8 +48,11 @@ pub(crate) fn replaced_series(uids: &SeriesUids) -> SeriesUids {
     }
 }
 
-/// The study and the series of a file that is refused, if the confined process could read them.
-pub(crate) async fn series_of(cases: &Cases, file: &Spooled) -> Option<SeriesUids> {
+/// The study and the series of a file that is refused, if a confined process can read them. A file that ended one is not read again.
+pub(crate) async fn series_of(cases: &Cases, file: &Spooled, why: &Failure) -> Option<SeriesUids> {
+    if why.name == READER_DIED {
+        return None;
+    }
     let [study, series] = cases.headers.series_of(file).await.ok()?;
     Some(SeriesUids {
         study: Uid::parse(&study)?,

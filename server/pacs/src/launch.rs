@@ -452,9 +452,10 @@ async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, AppE
             found.state = "receiving";
             return Ok(found);
         }
-        // What was not kept says nothing about the images.
+        // What was not kept says nothing about the images, and what was refused nothing about the series.
         let newest = arrivals
             .into_iter()
+            .filter(|arrival| !arrival.is_all_refused())
             .max_by_key(|arrival| arrival.instances > 0);
         if let Some(arrival) = newest {
             found.state = "nothing";

@@ -131,11 +131,13 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         study,
         batch: Vec::new(),
         report: Report::default(),
+        refused: Vec::new(),
         refusals: Refusals::of(ArrivalSource::Stow),
         stored: StoredImages::default(),
     };
     let parts = Parts::new(request.into_body(), &boundary, *limits);
     let received = images.receive(parts).await;
+    images.count_refused().await;
     let mut response = match received {
         Ok(()) => std::mem::take(&mut images.report).answer(),
         Err(error) => error.into_response(),
@@ -175,6 +177,8 @@ struct Images<'a> {
     /// Read, and not durable yet.
     batch: Vec<(InstanceIdentity, Spooled)>,
     report: Report,
+    /// Refused, and not counted in the arrivals of their series yet.
+    refused: Vec<(SeriesUids, Refusal)>,
     refusals: Refusals,
     /// For the audit record.
     stored: StoredImages,
@@ -208,11 +212,12 @@ impl Images<'_> {
     async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
         let identity = match InstanceIdentity::read(self.pacs.cases(), &file).await {
             Ok(identity) => identity,
-            Err(error @ Error::Failure(_)) => {
-                let refusal = error.into();
+            Err(Error::Failure(why)) => {
+                let uids = series_of(self.pacs.cases(), &file, &why).await;
+                let refusal = Error::Failure(why).into();
                 self.unknown(&refusal);
-                if let Some(uids) = series_of(self.pacs.cases(), &file).await {
-                    self.list(&uids, &refusal).await?;
+                if let Some(uids) = uids {
+                    self.note_refused(uids, refusal).await;
                 }
                 return Ok(());
             }
@@ -224,7 +229,8 @@ impl Images<'_> {
             .is_some_and(|study| *study != identity.uids.study)
         {
             self.failed(&identity, &ANOTHER_STUDY);
-            return self.list(&identity.uids, &ANOTHER_STUDY).await;
+            self.note_refused(identity.uids, ANOTHER_STUDY).await;
+            return Ok(());
         }
         if !identity.is_image {
             return self.add_other(identity).await;
@@ -240,7 +246,9 @@ impl Images<'_> {
     async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
         if !self.pacs.options().ignores_other_objects {
             self.failed(&identity, &Refusal::ANOTHER_CLASS);
-            return self.list(&identity.uids, &Refusal::ANOTHER_CLASS).await;
+            let refusal = Refusal::ANOTHER_CLASS;
+            self.note_refused(identity.uids, refusal).await;
+            return Ok(());
         }
         // What came before a note came before it.
         self.flush().await?;
@@ -278,13 +286,20 @@ impl Images<'_> {
         Ok(())
     }
 
-    /// Counts a refusal in the arrival of its series.
-    async fn list(&self, uids: &SeriesUids, refusal: &Refusal) -> Result<(), AppError> {
-        let refused = self
-            .pacs
+    /// Notes a refusal, for the arrival of its series.
+    async fn note_refused(&mut self, uids: SeriesUids, refusal: Refusal) {
+        self.refused.push((uids, refusal));
+        if self.refused.len() == BATCH {
+            self.count_refused().await;
+        }
+    }
+
+    async fn count_refused(&mut self) {
+        let refused = std::mem::take(&mut self.refused);
+        self.pacs
             .arrivals()
-            .refuse(uids, ArrivalSource::Stow, refusal);
-        Ok(refused.await?)
+            .refuse(refused, ArrivalSource::Stow)
+            .await;
     }
 
     fn failed(&mut self, identity: &InstanceIdentity, refusal: &Refusal) {

@@ -8,7 +8,7 @@ use crate::node::NodeError;
 use crate::parts::PartsError;
 use crate::state::Pacs;
 
-/// Why something did not pass between us and a node. Its text is for the log: it may contain paths.
+/// Why something did not pass between us and a node. Its text is for the log.
 #[derive(Debug, thiserror::Error)]
 #[error("{text}")]
 pub(crate) struct TransferError {

@@ -195,6 +195,14 @@ pub(crate) struct Arrival {
     pub(crate) last_at: Timestamp,
 }
 
+impl Arrival {
+    /// Whether nothing of the series has come but objects that were refused.
+    pub(crate) fn is_all_refused(&self) -> bool {
+        let reason = self.reason.as_ref();
+        self.instances == 0 && reason.is_some_and(|reason| reason.name == ALL_REFUSED)
+    }
+}
+
 /// Which series to list; without a condition, all.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(crate) struct ArrivalQuery {

@@ -27,7 +27,7 @@ pub use prepare::PrepareProcess;
 pub use prepare::prepare_by;
 pub use priority::yield_to_answers;
 pub use program::{Program, at_a_time};
-pub use reader::SeriesReader;
+pub use reader::{READER_DIED, SeriesReader};
 pub use reading::{Choice, Input, Reading};
 
 /// The subcommand of the child.

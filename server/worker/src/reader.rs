@@ -149,10 +149,13 @@ fn too_slow(longest: Duration) -> Failure {
     )
 }
 
+/// The name of the failure of a file that ended the process that read it.
+pub const READER_DIED: &str = "dicom-reader-died";
+
 /// The process ended before it was done.
 pub(crate) fn died() -> Failure {
     Failure::unusable(
-        "dicom-reader-died",
+        READER_DIED,
         "the DICOM files could not be read: the process that reads them ended, because they are damaged or need more memory \
          than allowed; convert the series with another program, such as dcm2niix"
             .to_owned(),

@@ -16,7 +16,7 @@ pub use self::headers::HeaderReader;
 pub use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 pub use imaging::nifti::Form;
-pub use worker::{Choice, Input, MAX_FILE_BYTES, Program};
+pub use worker::{Choice, Input, MAX_FILE_BYTES, Program, READER_DIED};
 
 /// Series that may wait.
 const WAITING: usize = 16;

@@ -173,7 +173,7 @@ fn the_order_of_a_volumes_axes_does_not_matter() {
     let plain = predict(&volume, network, 0.5, &go_on).unwrap();
     // What the network sees is the same for all 48, which a test of its own says; here, that the mask comes back.
     // After two axes were exchanged, and after all were.
-    for (order, signs) in [([0, 2, 1], 3), ([2, 0, 1], 1)] {
+    for (order, signs) in [([0, 2, 1], 7), ([2, 0, 1], 5)] {
         let found = predict(&reordered(&volume, order, signs), network, 0.5, &go_on).unwrap();
         let agreement = dice(plain.brain.mask(), found.brain.mask());
         assert!(agreement >= 0.995, "{order:?} {signs}: {agreement}");

@@ -237,7 +237,7 @@ pub(crate) fn on_grid(mask: &Mask, grid: &Grid, how: DAffine3) -> Mask {
     let is_marked = |index: usize| {
         // Rounded by the conversion below: a call of `round` for each voxel took a fifth of the time of these tests.
         let place = mask_from_grid.transform_point3(as_position(grid.voxel(index))) + 0.5;
-        let is_inside = place.cmpge(DVec3::ZERO).all() && place.cmplt(end).all();
+        let is_inside = place.cmpgt(DVec3::ZERO).all() && place.cmplt(end).all();
         is_inside && {
             let place = place.to_array().map(|along| along as usize);
             mask.voxels()[mask.grid().index(place)]

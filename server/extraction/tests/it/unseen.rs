@@ -32,8 +32,7 @@ fn heads() -> Vec<(String, Volume, BrainMask)> {
     heads
 }
 
-/// A mask with what is computed before it is rated, which is the same for volumes that differ by their intensities alone: only planes
-/// beyond which all is constant matter to it.
+/// A mask with what is computed before it is rated, which is the same for volumes with the same cuts.
 struct Prepared<'a> {
     mask: &'a Mask,
     brain: BrainMask,
@@ -54,6 +53,9 @@ impl<'a> Prepared<'a> {
     }
 
     fn rated(&self, volume: &Volume, origin: Origin<'_>) -> Quality {
+        if self.brain.cut_by(volume) != self.cuts {
+            return Prepared::new(self.mask, volume).rated(volume, origin);
+        }
         let masked = Masked {
             mask: self.mask,
             brain: &self.brain,

@@ -6,17 +6,16 @@
 use std::collections::BTreeMap;
 
 use extraction::{
-    Extraction, ExtractionError, Masked, Network, Opinion, Origin, Quality, Rating, closed,
-    extract, predict, rate,
+    Extraction, Masked, Network, Opinion, Origin, Quality, Rating, closed, extract, predict, rate,
 };
-use geometry::{BrainMask, Face, Grid, Mask, Volume};
+use geometry::{BrainMask, Face, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::spoiled::{
     biased, cut, half, masks, moved, noisy, oblique_zeros, of_another, rolled, stretched, thick,
     zeros,
 };
-use crate::support::{black, data, go_on, head, network, opinion, resampled};
+use crate::support::{black, data, go_on, head, network, opinion};
 use crate::wrong_heads::{noise, with_axes, with_values};
 
 /// A head: its folder, its volume, and the masks that other programs made of it.
@@ -174,10 +173,10 @@ struct Known {
     found: Extraction,
 }
 
-/// Those of a half of the heads that this machine has, each volume as `seen`.
-fn known(network: &Network, half: usize, seen: fn(Volume) -> Volume) -> Vec<Known> {
+/// Those of a half of the heads that this machine has.
+fn known(network: &Network, half: usize) -> Vec<Known> {
     let known = HEADS[half].iter().filter_map(|&head| {
-        let volume = seen(volume_of(head.0, head.1)?);
+        let volume = volume_of(head.0, head.1)?;
         let found = predict(&volume, network, 0.5, &go_on).expect("a brain");
         Some(Known {
             head,
@@ -188,44 +187,16 @@ fn known(network: &Network, half: usize, seen: fn(Volume) -> Volume) -> Vec<Know
     known.collect()
 }
 
-/// A volume in voxels of 2 mm, if its own are smaller.
-fn coarse(volume: Volume) -> Volume {
-    let grid = volume.grid();
-    if grid.spacing_mm().into_iter().any(|mm| mm > 1.5) {
-        return volume;
-    }
-    let affine = grid.patient_from_voxel() * DAffine3::from_scale(DVec3::splat(2.0));
-    let size = grid.size().map(|side| side.div_ceil(2));
-    resampled(&volume, &Grid::new(size, affine).expect("a grid"))
-}
-
-/// Of the first half nothing is asserted but that no mask is falsely said to be flipped, which coarse voxels show as well.
 #[test]
 fn verdicts_on_supplied_masks() {
     let Some(network) = network() else { return };
-    on_masks(network, coarse).check();
-}
-
-#[test]
-#[ignore = "it only prints the table for `lab/docs/verdicts.md`: run it alone, with --no-capture"]
-fn the_table_of_verdicts_on_supplied_masks() {
-    let Some(network) = network() else { return };
-    on_masks(network, |volume| volume);
-}
-
-/// The verdicts on masks of all heads, the volumes of the first half as `seen`.
-fn on_masks(network: &Network, seen: fn(Volume) -> Volume) -> Tally {
     let mut tally = Tally::default();
     let mut falsely_flipped = Vec::new();
     println!(
         "| head | mask | verdict | rim | overlap | 95 % | mean | patch | lopsided | | reasons |"
     );
     for half in 0..2 {
-        let heads = known(
-            network,
-            half,
-            if half == 0 { seen } else { |volume| volume },
-        );
+        let heads = known(network, half);
         for (number, one) in heads.iter().enumerate() {
             let (folder, _, files) = one.head;
             let mut check = |what: &str, mask: &Mask, is_right: bool| {
@@ -264,7 +235,7 @@ fn on_masks(network: &Network, seen: fn(Volume) -> Volume) -> Tally {
     }
     tally.print("mask");
     assert!(falsely_flipped.is_empty(), "{falsely_flipped:?}");
-    tally
+    tally.check();
 }
 
 #[test]
@@ -295,10 +266,8 @@ fn a_ragged_mask_that_fits_is_ok_without_a_network_and_beside_its_place_it_is_no
 /// A way to change a volume with a known brain, and whether the result is sound.
 type Change = (&'static str, bool, fn(&Volume, &BrainMask) -> Volume);
 
-/// The brain that is known already: with nothing in doubt, it is what an extraction finds.
-const NOTHING: (&str, bool) = ("nothing", true);
-
-const CHANGES: [Change; 22] = [
+const CHANGES: [Change; 23] = [
+    ("nothing", true, |volume, _| volume.clone()),
     ("a bias field of e^±1.2", true, |volume, _| biased(volume)),
     (
         "noise of 30 % of the brain's median",
@@ -386,44 +355,34 @@ fn on_volumes(network: &Network, halves: &[usize]) -> Tally {
     let mut tally = Tally::default();
     println!("| head | what was done | verdict | ml | flatness | agreement | reasons |");
     for &half in halves {
-        for one in known(network, half, |volume| volume) {
-            tell(&mut tally, half, &one, NOTHING, &Ok(one.found.clone()));
+        for one in known(network, half) {
             for (what, is_sound, change) in CHANGES {
                 let volume = change(&one.volume, &one.found.brain);
                 let found = extract(&volume, Some(network), 0.5, &go_on);
-                tell(&mut tally, half, &one, (what, is_sound), &found);
+                let (verdict, numbers, codes) = match &found {
+                    Ok(found) => {
+                        let codes = found.quality.reasons.iter().map(|reason| reason.code);
+                        let codes: Vec<&str> = codes.collect();
+                        let quality = &found.quality;
+                        let agreement = quality.agreement.map(|share| format!("{share:.3}"));
+                        let numbers = format!(
+                            "{:.0} | {:.3} | {}",
+                            quality.volume_ml,
+                            quality.shape.map_or(f64::NAN, |shape| shape.flatness),
+                            agreement.unwrap_or_default()
+                        );
+                        (name(quality.rating), numbers, codes.join(", "))
+                    }
+                    Err(error) => ("refused", "| |".to_owned(), error.to_string()),
+                };
+                println!(
+                    "| {} | {what} | {verdict} | {numbers} | {codes} |",
+                    one.head.0
+                );
+                tally.add(half, one.head.0, (what, is_sound), verdict == "ok");
             }
         }
     }
     tally.print("what was done");
     tally
-}
-
-/// Prints and counts what was found in a changed head.
-fn tell(
-    tally: &mut Tally,
-    half: usize,
-    one: &Known,
-    (what, is_sound): (&str, bool),
-    found: &Result<Extraction, ExtractionError>,
-) {
-    let (verdict, numbers, codes) = match found {
-        Ok(found) => {
-            let codes = found.quality.reasons.iter().map(|reason| reason.code);
-            let codes: Vec<&str> = codes.collect();
-            let quality = &found.quality;
-            let agreement = quality.agreement.map(|share| format!("{share:.3}"));
-            let numbers = format!(
-                "{:.0} | {:.3} | {}",
-                quality.volume_ml,
-                quality.shape.map_or(f64::NAN, |shape| shape.flatness),
-                agreement.unwrap_or_default()
-            );
-            (name(quality.rating), numbers, codes.join(", "))
-        }
-        Err(error) => ("refused", "| |".to_owned(), error.to_string()),
-    };
-    let head = one.head.0;
-    println!("| {head} | {what} | {verdict} | {numbers} | {codes} |");
-    tally.add(half, head, (what, is_sound), verdict == "ok");
 }

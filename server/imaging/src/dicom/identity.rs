@@ -6,6 +6,7 @@ use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
+use super::error::damaged;
 use super::fingerprint::Fingerprint;
 use super::header::{IMAGE_CLASSES, parse, refuse_other};
 use super::label::series_label;
@@ -113,5 +114,5 @@ pub fn series_of(file: &[u8]) -> Result<[String; 2], DicomError> {
 
 fn uid_of(object: &InMemDicomObject, tag: Tag, what: &'static str) -> Result<String, DicomError> {
     let uid = text(object, tag).filter(|uid| !uid.is_empty());
-    uid.ok_or(DicomError::Damaged { what })
+    uid.ok_or(damaged(what))
 }

@@ -6,16 +6,19 @@ use dicom_object::InMemDicomObject;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
+use super::code::{self, Code};
 use super::error::damaged;
 use super::header::{items, parse};
 use super::numbers::text;
 use super::scan::scan;
 
 /// The titles of rejection notes: quality, patient safety, incorrect worklist entry, end of retention (PS3.16 CID 7011).
-const TITLES: [&str; 4] = ["113001", "113037", "113038", RETENTION_EXPIRED];
-
-/// What is rejected because it was kept long enough may come again.
-const RETENTION_EXPIRED: &str = "113039";
+const TITLES: [Code; 4] = [
+    code::REJECTED_FOR_QUALITY,
+    code::REJECTED_FOR_SAFETY,
+    code::INCORRECT_WORKLIST_ENTRY,
+    code::RETENTION_EXPIRED,
+];
 
 /// The most instances of a note.
 const MAX_INSTANCES: usize = 5000;
@@ -67,7 +70,8 @@ pub(super) fn rejection(file: &[u8]) -> Result<Option<Rejection>, DicomError> {
     };
     let code = text(title, tags::CODE_VALUE).unwrap_or_default();
     let scheme = text(title, tags::CODING_SCHEME_DESIGNATOR);
-    if scheme.as_deref() != Some("DCM") || !TITLES.contains(&&*code) {
+    let is_it = |title: &Code| scheme.as_deref() == Some(title.scheme) && code == title.value;
+    if !TITLES.iter().any(is_it) {
         return Ok(None);
     }
     let mut found = Vec::new();
@@ -90,7 +94,8 @@ pub(super) fn rejection(file: &[u8]) -> Result<Option<Rejection>, DicomError> {
         ));
     }
     Ok(Some(Rejection {
-        may_return: code == RETENTION_EXPIRED,
+        // What is rejected because it was kept long enough may come again.
+        may_return: is_it(&code::RETENTION_EXPIRED),
         series: found,
     }))
 }

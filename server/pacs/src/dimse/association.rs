@@ -477,9 +477,9 @@ impl Messages<'_> {
             Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
                 return Ok(Status::Success);
             }
-            Err(error @ Error::Failure(_)) => {
-                let uids = series_of(&self.arrivals.cases, &file).await;
-                return self.refuse(uids.as_ref(), error.into()).await;
+            Err(Error::Failure(why)) => {
+                let uids = series_of(&self.arrivals.cases, &file, &why).await;
+                return Err(self.refuse(uids, Error::Failure(why).into()).await);
             }
             read => read?,
         };
@@ -488,13 +488,13 @@ impl Messages<'_> {
         if !is_same {
             let why = "its class or instance UID is not that of the command";
             let refusal = Refusal::new(Status::DataSetDoesNotMatch, why);
-            return self.refuse(Some(&identity.uids), refusal).await;
+            return Err(self.refuse(Some(identity.uids), refusal).await);
         }
         let source = ArrivalSource::CStore;
         if !identity.is_image {
             if !self.ignores_other_objects {
                 let refusal = Refusal::ANOTHER_CLASS;
-                return self.refuse(Some(&identity.uids), refusal).await;
+                return Err(self.refuse(Some(identity.uids), refusal).await);
             }
             let by = &self.event.who;
             let noted = self.arrivals.note(identity, (source, by), self.may_reject);
@@ -511,13 +511,13 @@ impl Messages<'_> {
         answer
     }
 
-    /// Refuses an object, and counts that in the arrival of its series.
-    async fn refuse(&self, uids: Option<&SeriesUids>, refusal: Refusal) -> Answer {
+    /// Counts a refusal in the arrival of its series, if that is known, and returns it.
+    async fn refuse(&self, uids: Option<SeriesUids>, refusal: Refusal) -> Refusal {
         if let Some(uids) = uids {
-            let refused = self.arrivals.refuse(uids, ArrivalSource::CStore, &refusal);
-            refused.await?;
+            let refused = vec![(uids, refusal.clone())];
+            self.arrivals.refuse(refused, ArrivalSource::CStore).await;
         }
-        Err(refusal)
+        refusal
     }
 
     /// Whether an object is of a class of which nothing is kept.

@@ -8,8 +8,7 @@ use storage::tables::series::cases_of;
 
 use super::{Arrivals, Head};
 use crate::values::{
-    ALL_REFUSED, Arrival, ArrivalState, INCOMPLETE_CORRECTION, MOVED, OTHER_OBJECTS, REJECTED,
-    images_rejected,
+    Arrival, ArrivalState, INCOMPLETE_CORRECTION, MOVED, OTHER_OBJECTS, REJECTED, images_rejected,
 };
 
 /// The reason of a series with images of several patients.
@@ -316,6 +315,7 @@ fn may_be_of_several(arrival: &Arrival) -> bool {
 
 /// Whether a series that makes no case says that its patient is there. One without images was moved, or never had any.
 fn says_something(arrival: &Arrival) -> bool {
-    let is_gone = |reason: &Failure| [MOVED, OTHER_OBJECTS, ALL_REFUSED].contains(&&*reason.name);
-    arrival.instances > 0 || !arrival.reason.as_ref().is_some_and(is_gone)
+    let is_gone = |reason: &Failure| [MOVED, OTHER_OBJECTS].contains(&&*reason.name);
+    let is_gone = arrival.is_all_refused() || arrival.reason.as_ref().is_some_and(is_gone);
+    arrival.instances > 0 || !is_gone
 }

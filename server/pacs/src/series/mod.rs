@@ -119,14 +119,21 @@ impl Arrivals {
             true => self.without_identity(images).await?,
             false => images,
         };
+        let uids: Vec<_> = images.iter().map(|(of, _)| of.uids.clone()).collect();
         let images = images
             .into_iter()
             .map(|(identity, file)| (new_instance(identity, &file), file));
-        Ok(self.store().receive(images.collect(), source).await?)
+        let received = self.store().receive(images.collect(), source).await?;
+        let refused = uids.into_iter().zip(&received);
+        let refused = refused
+            .filter(|(_, became)| **became == Reception::Refused)
+            .map(|(uids, _)| (uids, Refusal::NOT_BETTER));
+        self.count_refused(refused.collect(), source).await;
+        Ok(received)
     }
 
-    /// Notes an object that is no image, and of which nothing is kept. What a rejection note names is rejected, if its sender, who has this name in
-    /// the audit record, may reject; otherwise the note is refused. An image with its UID that has come stays.
+    /// Notes an object that is no image, and of which nothing is kept. What a rejection note names is rejected if its sender may reject;
+    /// `by` is the sender's name in the audit record. Otherwise the note is refused. An image with its UID that has come stays.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -201,21 +208,24 @@ impl Arrivals {
         self.store().images_came(source, ImageStatus::Refused, 1);
     }
 
-    /// Counts an object that is refused in the arrival of its series.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
+    /// Counts objects that are refused, of the series as they are sent, in the arrivals of their series. If that fails, the answer stays.
     pub(crate) async fn refuse(
         &self,
-        uids: &SeriesUids,
+        mut refused: Vec<(SeriesUids, Refusal)>,
         source: ArrivalSource,
-        refusal: &Refusal,
-    ) -> Result<(), Error> {
-        let uids = match self.cases.deidentifies() {
-            true => &replaced_series(uids),
-            false => uids,
-        };
-        Ok(self.store().refuse(uids, source, refusal).await?)
+    ) {
+        if self.cases.deidentifies() {
+            for (uids, _) in &mut refused {
+                *uids = replaced_series(uids);
+            }
+        }
+        self.count_refused(refused, source).await;
+    }
+
+    async fn count_refused(&self, refused: Vec<(SeriesUids, Refusal)>, source: ArrivalSource) {
+        if let Err(error) = self.store().refuse(&refused, source).await {
+            tracing::warn!(%error, "objects were refused, and could not be counted in the list of what came");
+        }
     }
 
     /// Receives the images again that no row names, after the rows were restored from an older backup: how many, and those that stay as they

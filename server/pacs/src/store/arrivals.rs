@@ -114,28 +114,33 @@ impl PacsStore {
             .execute(
                 "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
                  VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
-                 ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
+                 ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1,
+                    reason = CASE WHEN arrivals.reason LIKE $7 THEN excluded.reason ELSE arrivals.reason END",
                 args![
                     new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
-                    serde_json::to_string(reason)?, now,
+                    serde_json::to_string(reason)?, now, of_all_refused(),
                 ],
             )
             .await?;
         transaction.commit().await
     }
 
-    /// Counts an object that is refused in the arrival of its series, which is made if there is none.
+    /// Counts objects that are refused in the arrivals of their series. A series of which nothing else has come has an arrival too.
     ///
     /// # Errors
     /// If the rows cannot be written.
     pub(crate) async fn refuse(
         &self,
-        uids: &SeriesUids,
+        refused: &[(SeriesUids, Refusal)],
         source: ArrivalSource,
-        refusal: &Refusal,
     ) -> Result<(), StoreError> {
+        if refused.is_empty() {
+            return Ok(());
+        }
         let (mut transaction, now) = self.store.write().await?;
-        refuse(&mut transaction, uids, source, refusal, now).await?;
+        for (uids, refusal) in refused {
+            refuse(&mut transaction, uids, source, refusal, now).await?;
+        }
         transaction.commit().await
     }
 
@@ -158,11 +163,12 @@ impl PacsStore {
                 .fetch_one(
                     "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
                      VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
-                     ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
+                     ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6,
+                        reason = CASE WHEN arrivals.reason LIKE $7 THEN excluded.reason ELSE arrivals.reason END
                      RETURNING id",
                     args![
                         new_id(), uids.study.as_str(), uids.series.as_str(), source.name(),
-                        serde_json::to_string(&images_rejected())?, now,
+                        serde_json::to_string(&images_rejected())?, now, of_all_refused(),
                     ],
                 )
                 .await?;
@@ -518,7 +524,6 @@ async fn add(
     let (arrived, has_returned) = images::arrive(connection, new, source, now, changed).await?;
     if arrived == Arrived::Following(Following::Unusable) {
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
-        refuse(connection, &new.uids, source, &Refusal::NOT_BETTER, now).await?;
         return Ok(Reception::Refused);
     }
     let is_another = arrived == Arrived::Following(Following::Another);
@@ -569,8 +574,13 @@ async fn add(
     })
 }
 
-/// Counts an object that is refused. A series of which nothing else has come has an arrival too; of these only the newest are kept, so that
-/// no sender makes rows without end.
+/// What the reason of an arrival is like of which nothing has come but objects that were refused.
+fn of_all_refused() -> String {
+    format!("%\"{ALL_REFUSED}\"%")
+}
+
+/// Counts an object that is refused. Of the series of which nothing else has come, only the newest are kept, so that no sender makes rows
+/// without end.
 async fn refuse(
     connection: &mut Connection,
     uids: &SeriesUids,
@@ -580,25 +590,27 @@ async fn refuse(
 ) -> Result<(), StoreError> {
     let detail = "nothing of the series could be stored; `last_refusal` states why";
     let reason = serde_json::to_string(&Failure::unusable(ALL_REFUSED, detail))?;
+    let id = new_id();
     let row = connection
         .fetch_one(
             "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, refused_objects, last_refusal, first_at, last_at)
              VALUES ($1, $2, $3, $4, 'nothing', $5, 1, $6, $7, $7)
              ON CONFLICT (study_uid, series_uid)
              DO UPDATE SET refused_objects = arrivals.refused_objects + 1, last_refusal = excluded.last_refusal
-             RETURNING refused_objects",
+             RETURNING id",
             args![
-                new_id(), uids.study.as_str(), uids.series.as_str(), source.name(), reason,
+                &id, uids.study.as_str(), uids.series.as_str(), source.name(), reason,
                 &*refusal.why, now,
             ],
         )
         .await?;
-    if row.get::<i64>("refused_objects")? == 1 {
+    if row.get::<String>("id")? == id {
         connection
             .execute(
-                "DELETE FROM arrivals WHERE reason LIKE $1
-                 AND id NOT IN (SELECT id FROM arrivals WHERE reason LIKE $1 ORDER BY first_at DESC, id DESC LIMIT $2)",
-                args![format!("%\"{ALL_REFUSED}\"%"), count(MOST_ALL_REFUSED)],
+                "DELETE FROM arrivals WHERE instances = 0 AND reason LIKE $1
+                 AND id NOT IN (SELECT id FROM arrivals WHERE instances = 0 AND reason LIKE $1
+                                ORDER BY first_at DESC, id DESC LIMIT $2)",
+                args![of_all_refused(), count(MOST_ALL_REFUSED)],
             )
             .await?;
     }
@@ -737,11 +749,13 @@ async fn series(
              VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
              ON CONFLICT (study_uid, series_uid)
              DO UPDATE SET label = coalesce(arrivals.label, excluded.label),
-                           accession_number = coalesce(arrivals.accession_number, excluded.accession_number)",
+                           accession_number = coalesce(arrivals.accession_number, excluded.accession_number),
+                           source = CASE WHEN arrivals.reason LIKE $8 THEN excluded.source ELSE arrivals.source END,
+                           first_at = CASE WHEN arrivals.reason LIKE $8 THEN excluded.first_at ELSE arrivals.first_at END",
             args![
                 new_id(), new.uids.study.as_str(), new.uids.series.as_str(),
                 new.accession_number.as_ref().map(AccessionNumber::as_str), source.name(),
-                &new.label, now,
+                &new.label, now, of_all_refused(),
             ],
         )
         .await?;

@@ -13,15 +13,15 @@ use super::{arrivals, images, results};
 use crate::values::{SEND, SERIES};
 
 const SQLITE: &Migrations = &[(
-    110,
+    210,
     "pacs",
-    include_str!("../../migrations/sqlite/0110_pacs.sql"),
+    include_str!("../../migrations/sqlite/0210_pacs.sql"),
 )];
 
 const POSTGRES: &Migrations = &[(
-    110,
+    210,
     "pacs",
-    include_str!("../../migrations/postgres/0110_pacs.sql"),
+    include_str!("../../migrations/postgres/0210_pacs.sql"),
 )];
 
 /// The tables of the PACS. Every store of the program has them ([`storage::Options::tables`]).

@@ -38,16 +38,17 @@ pub(crate) use self::connection::microseconds;
 use self::connection::{Connection, Database, Migrations, Tables, Way};
 use super::StoreError;
 
+/// Development versions numbered their steps from 1 to 199.
 const SQLITE: &Migrations = &[(
-    100,
+    200,
     "store",
-    include_str!("../../migrations/sqlite/0100_store.sql"),
+    include_str!("../../migrations/sqlite/0200_store.sql"),
 )];
 
 const POSTGRES: &Migrations = &[(
-    100,
+    200,
     "store",
-    include_str!("../../migrations/postgres/0100_store.sql"),
+    include_str!("../../migrations/postgres/0200_store.sql"),
 )];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.

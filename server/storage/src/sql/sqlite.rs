@@ -544,7 +544,12 @@ mod tests {
                 "development version",
             ),
             (
-                "UPDATE _sqlx_migrations SET checksum = x'00' WHERE version = 100",
+                "UPDATE _sqlx_migrations SET checksum = x'00' WHERE version = 200",
+                "development version",
+            ),
+            (
+                // A development version had several steps.
+                "UPDATE _sqlx_migrations SET version = 100 + version / 10 WHERE version >= 200",
                 "development version",
             ),
         ];

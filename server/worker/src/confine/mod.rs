@@ -111,8 +111,8 @@ pub(crate) fn limit_data(bytes: u64, seconds: u64) -> io::Result<()> {
     set_limits(&limits)
 }
 
-/// Sets limits of the kernel for this process: what it may use, and what it may at most permit itself. Beside Linux, a limit that the
-/// kernel does not know is left out.
+/// Sets limits of the kernel for this process: what it may use, and what it may at most permit itself. On other systems than
+/// Linux, a limit that the kernel does not know is left out.
 pub(crate) fn set_limits(limits: &[(Resource, u64, u64)]) -> io::Result<()> {
     for &(resource, current, maximum) in limits {
         let limit = Rlimit {

@@ -363,10 +363,10 @@ pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
 pub(crate) async fn what_is_refused_is_counted_and_makes_few_rows(subject: &Subject) {
     let store = &subject.store;
     let refusal = Refusal::ANOTHER_CLASS;
-    let source = ArrivalSource::Stow;
+    let source = ArrivalSource::CStore;
     let refuse = async |number| {
         let uids = series(number);
-        let refused = store.refuse(&uids, source, &refusal).await;
+        let refused = store.refuse(&[(uids, refusal.clone())], source).await;
         refused.unwrap();
         // The newest are kept.
         subject.pass(1);
@@ -383,18 +383,27 @@ pub(crate) async fn what_is_refused_is_counted_and_makes_few_rows(subject: &Subj
     assert_eq!(arrival.last_refusal, Some(refusal.why.to_string()));
     subject.pass(21);
     assert!(due(store).await.is_none());
-    // One that has an image is a series like others, and has the accession number of it.
+    // One of which another object came says so.
+    let other = Failure::unusable(OTHER_OBJECTS, "words");
+    store.ignore(&series(2), source, &other).await.unwrap();
+    let arrivals = store.arrivals_of(&study()).await.unwrap();
+    let ignored = arrivals.iter().find(|each| each.uids == series(2)).unwrap();
+    assert_eq!(ignored.reason, Some(other));
+    // One that has an image is a series like others: it came with the image, and has the accession number of it.
     receive(store, &[image(1, 1)]).await;
-    for number in 3..103 {
+    for number in 3..104 {
         refuse(number).await;
     }
     let mut arrivals = store.arrivals_of(&study()).await.unwrap();
-    assert_eq!(arrivals.len(), 101);
+    assert_eq!(arrivals.len(), 102);
+    arrivals.retain(|each| each.uids != series(2));
     let arrival = arrivals.remove(0);
     assert_eq!(arrival.uids, series(1));
     assert_eq!((arrival.refused_objects, arrival.reason), (2, None));
+    assert_eq!(arrival.source, ArrivalSource::Stow);
+    assert_eq!(arrival.first_at, arrival.last_at);
     assert_eq!(arrival.accession_number, AccessionNumber::parse("A1"));
-    assert_eq!(arrivals[0].uids, series(3), "the oldest is gone");
+    assert_eq!(arrivals[0].uids, series(4), "the oldest is gone");
 }
 
 pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subject: &Subject) {
