@@ -171,7 +171,7 @@ export interface Stage {
 export async function startStage(
   command: "demo" | "serve",
   writeOptions: (folder: string) => Promise<readonly string[]> = async () => [],
-  port?: number,
+  port = 0,
 ): Promise<Stage> {
   const { folder, clean } = await scratchFolder();
   const data = path.join(folder, "data");
