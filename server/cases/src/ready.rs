@@ -47,9 +47,12 @@ async fn within<T>(
     if is_news(&cause) {
         tracing::warn!(%error, cause, "the store is not ready");
     }
+    // What the conversion would log was said, once.
     if error.is_unusable() {
-        // What the conversion would log was said, once.
         return Err(Error::StoreUnusable(error.to_string()));
+    }
+    if error.is_away() {
+        return Err(Error::Unavailable);
     }
     match Error::from(error) {
         known @ (Error::StorageFull | Error::StorageFailed(_)) => Err(known),

@@ -17,5 +17,6 @@ pub mod refusals;
 pub mod sent;
 pub mod timeouts;
 pub mod tls;
+pub mod unread;
 pub mod uploads;
 mod write_timeout;

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use case::PublicError as _;
 use cases::Error;
 
-use crate::values::ArrivalSource;
+use crate::values::{ArrivalSource, Reception};
 
 /// The most characters of an Error Comment (0000,0902), which is a long string (LO).
 const MOST_OF_COMMENT: usize = 64;
@@ -92,6 +92,17 @@ impl From<Error> for Refusal {
         Self {
             status,
             why: error.sentence().into(),
+        }
+    }
+}
+
+impl Reception {
+    /// What its sender is told.
+    pub(crate) fn status(self) -> Result<Status, Refusal> {
+        match self {
+            Self::New | Self::Known => Ok(Status::Success),
+            Self::Corrected => Ok(Status::Corrected),
+            Self::Refused => Err(Refusal::NOT_BETTER),
         }
     }
 }

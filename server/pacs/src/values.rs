@@ -13,8 +13,6 @@ use serde::{Deserialize, Serialize};
 use storage::{Job, ObjectName};
 use utoipa::ToSchema;
 
-use crate::refusal::{Refusal, Status};
-
 /// Reads a series that came.
 pub(crate) const SERIES: JobKind = JobKind::new("series", "reading");
 
@@ -141,17 +139,6 @@ pub(crate) enum Reception {
     Corrected,
     /// A better image came with its UID, one that can be decoded and placed or is lossless: that one counts.
     Refused,
-}
-
-impl Reception {
-    /// What its sender is told.
-    pub(crate) fn status(self) -> Result<Status, Refusal> {
-        match self {
-            Self::New | Self::Known => Ok(Status::Success),
-            Self::Corrected => Ok(Status::Corrected),
-            Self::Refused => Err(Refusal::NOT_BETTER),
-        }
-    }
 }
 
 /// A series that came.

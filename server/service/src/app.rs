@@ -20,6 +20,7 @@ use access::routes::ProtocolRoutes;
 use http::logs::{self, MakeId, REQUEST_ID};
 use http::metrics::Metrics;
 use http::problem::AppError;
+use http::unread::close_after_refusal;
 
 /// What the page may load, and in whose frames it may stand: its own, and those of the configuration.
 const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
@@ -93,6 +94,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
         .layer(middleware::map_response(move |response: Response| {
             add_security_headers(response, policy.clone())
         }))
+        .layer(middleware::from_fn(close_after_refusal))
         .layer(middleware::from_fn_with_state(metrics, logs::observe))
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeId))

@@ -1,14 +1,16 @@
 //! An association of a peer with us, from its request to its release, as states: each PDU leads from one to the next.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
 use std::time::Duration;
 
 use access::audit::{Action, Audit, Event, EventKind, Outcome, digest_of_uid};
-use case::series::SeriesUids;
+use case::series::{SeriesUids, Uid};
 use cases::Error;
 use cases::dicom::MAX_FILE_BYTES;
-use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
+use dicom_ul::pdu::{
+    AbortRQServiceProviderReason, AbortRQSource, AssociationRQ, PDataValue, PDataValueType, Pdu,
+};
 use imaging::dicom::IMAGE_CLASSES;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -28,6 +30,9 @@ use crate::values::{ArrivalSource, Reception};
 
 /// What the name of a peer begins with in the audit record, so that none is the name of a token, or of somebody who has signed in.
 const TITLE_PREFIX: &str = "aet:";
+
+/// The most classes that the line about refused presentation contexts names.
+const MOST_CLASSES: usize = 10;
 
 /// How long an image waits for the disk of the audit record. A disk that takes longer counts as full.
 const LONGEST_RECORDING: Duration = Duration::from_secs(10);
@@ -142,17 +147,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
         return Err(Abort::Rejected);
     }
-    let refused = request.presentation_contexts.len() - contexts.len();
-    let why = "for another service, or in a transfer syntax that is not known";
-    if contexts.is_empty() {
-        tracing::info!(why, "all presentation contexts were refused");
-    } else if refused > 0 {
-        tracing::debug!(
-            contexts = refused,
-            why,
-            "presentation contexts were refused"
-        );
-    }
+    log_refused(&request, &contexts, &options.counts);
     let _running = options.counts.begin();
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let mut messages = Messages {
@@ -526,6 +521,42 @@ impl Messages<'_> {
             return false;
         };
         self.ignores_other_objects && !IMAGE_CLASSES.contains(&object.sop_class_uid.as_str())
+    }
+}
+
+/// Logs for which classes an association may send nothing.
+fn log_refused(request: &AssociationRQ, contexts: &[Context], counts: &AssociationCounts) {
+    let proposed = request.presentation_contexts.iter();
+    let is_refused = |class: &&str| {
+        contexts
+            .iter()
+            .all(|context| context.abstract_syntax != *class)
+    };
+    let refused: BTreeSet<&str> = proposed
+        .map(|proposed| proposed.abstract_syntax.as_str())
+        .filter(is_refused)
+        .collect();
+    if refused.is_empty() {
+        return;
+    }
+    let Some(count) = counts.refuse_contexts(contexts.is_empty()) else {
+        return;
+    };
+    let classes = refused
+        .into_iter()
+        .filter_map(Uid::parse)
+        .take(MOST_CLASSES);
+    let classes: Vec<String> = classes.map(|class| class.as_str().to_owned()).collect();
+    let classes = classes.join(" ");
+    let why = "for another service, or in a transfer syntax that is not known";
+    match contexts.is_empty() {
+        true => tracing::info!(
+            classes,
+            count,
+            why,
+            "all presentation contexts were refused"
+        ),
+        false => tracing::info!(classes, count, why, "presentation contexts were refused"),
     }
 }
 

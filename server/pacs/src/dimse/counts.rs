@@ -50,6 +50,8 @@ pub struct AssociationCounts {
     accepted: AtomicU64,
     rejected: [AtomicU64; Rejection::ALL.len()],
     logged: [LogRateLimit; Rejection::ALL.len()],
+    /// Associations of which some, or all, presentation contexts were refused.
+    refused: [LogRateLimit; 2],
     stored: AtomicU64,
     not_stored: AtomicU64,
     /// When each peer last sent an image that was stored, by its title. The mutex is held for a look-up.
@@ -70,6 +72,12 @@ impl AssociationCounts {
         self.running.fetch_add(1, Ordering::Relaxed);
         self.accepted.fetch_add(1, Ordering::Relaxed);
         Running(self)
+    }
+
+    /// Counts an association of which some or all presentation contexts were refused. If it is to be logged, which one of a minute is,
+    /// returns how many there were since the last that was.
+    pub(crate) fn refuse_contexts(&self, all: bool) -> Option<u64> {
+        self.refused[usize::from(all)].count()
     }
 
     /// Counts a rejection. If it is to be logged, which one of a minute is, returns how many there were since the last that was.

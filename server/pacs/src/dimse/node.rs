@@ -18,7 +18,7 @@ use crate::dimse::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::dimse::options::is_aet;
 use crate::dimse::outcome::{is_stored, rejected};
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
-use crate::node::{BadNode, NodeError};
+use crate::node::error::{BadNode, NodeError};
 use http::tls::ConnectingTls;
 
 /// How long to wait for a connection.

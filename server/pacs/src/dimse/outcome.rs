@@ -7,7 +7,7 @@ use dicom_ul::pdu::{
 };
 
 use crate::dimse::wire::WireError;
-use crate::node::NodeError;
+use crate::node::error::NodeError;
 
 const SUCCESS: u16 = 0x0000;
 

@@ -12,7 +12,7 @@ use http_body_util::{BodyExt as _, Full, Limited};
 use hyper::body::Incoming;
 use serde_json::Value;
 
-use super::{BadNode, NodeError};
+use super::error::{BadNode, NodeError};
 use crate::multipart::MediaType;
 use http::client::{HttpClient, http_client};
 

@@ -35,7 +35,8 @@ pub(crate) fn describe(api: &mut OpenApi) {
         let reads = [&mut item.get, &mut item.head];
         for operation in reads.into_iter().flatten() {
             guard(operation, path);
-            if has_keys(operation) {
+            // All that belongs to a case refuses keys that it does not know.
+            if has_keys(operation) || path.contains("{id}/") {
                 add(operation, "400", "A key or value of the query is invalid");
             }
             if path.contains("{id}/") && is_negotiated(operation) {
