@@ -1089,9 +1089,10 @@ async fn a_peer_that_asks_for_another_service_alone_has_a_line_in_the_log() {
     let neighbour = Neighbour::start(|_| {}).await;
     let address = dimse(&neighbour, dimse_options()).await;
     let is_line = |line: &&str| line.contains("INFO") && line.contains("contexts were refused");
-    // Images, then a search and a storage commitment.
+    // Images, then a search, once more, and a storage commitment.
     for (service, count) in [
         ("1.2.840.10008.5.1.4.1.1.4", 0),
+        ("1.2.840.10008.5.1.4.1.2.2.1", 1),
         ("1.2.840.10008.5.1.4.1.2.2.1", 1),
         ("1.2.840.10008.1.20.1", 2),
     ] {
@@ -1105,6 +1106,10 @@ async fn a_peer_that_asks_for_another_service_alone_has_a_line_in_the_log() {
         assert_eq!(refused.len(), count, "{service}: {refused:?}");
         let are_named = refused.iter().all(|line| line.contains("SENDER"));
         assert!(are_named, "{refused:?}");
+        assert!(
+            count == 0 || refused[count - 1].contains(service),
+            "{refused:?}"
+        );
     }
 }
 

@@ -366,7 +366,7 @@ impl Quality {
         let overlap = self.comparison.and_then(|found| {
             found.reason_of_overlap(
                 "what is not 0 in the volume",
-                "is there more than the brain?",
+                "is there more than the brain? Send a mask, or have the network find the brain (`source=network`)",
             )
         });
         if let Some(reason) = overlap {

@@ -539,15 +539,15 @@ fn log_refused(request: &AssociationRQ, contexts: &[Context], counts: &Associati
     if refused.is_empty() {
         return;
     }
-    let Some(count) = counts.refuse_contexts(contexts.is_empty()) else {
-        return;
-    };
     let classes = refused
         .into_iter()
         .filter_map(Uid::parse)
         .take(MOST_CLASSES);
     let classes: Vec<String> = classes.map(|class| class.as_str().to_owned()).collect();
     let classes = classes.join(" ");
+    let Some(count) = counts.refuse_contexts(&classes) else {
+        return;
+    };
     let why = "for another service, or in a transfer syntax that is not known";
     match contexts.is_empty() {
         true => tracing::info!(

@@ -43,6 +43,9 @@ impl Rejection {
     }
 }
 
+/// The most lists of refused classes that are told apart.
+const MOST_REFUSED: usize = 100;
+
 /// Counts since the listener was started.
 #[derive(Debug, Default)]
 pub struct AssociationCounts {
@@ -50,8 +53,8 @@ pub struct AssociationCounts {
     accepted: AtomicU64,
     rejected: [AtomicU64; Rejection::ALL.len()],
     logged: [LogRateLimit; Rejection::ALL.len()],
-    /// Associations of which some, or all, presentation contexts were refused.
-    refused: [LogRateLimit; 2],
+    /// Associations of which presentation contexts were refused, by their classes. The mutex is held for a look-up.
+    refused: Mutex<BTreeMap<String, LogRateLimit>>,
     stored: AtomicU64,
     not_stored: AtomicU64,
     /// When each peer last sent an image that was stored, by its title. The mutex is held for a look-up.
@@ -74,10 +77,14 @@ impl AssociationCounts {
         Running(self)
     }
 
-    /// Counts an association of which some or all presentation contexts were refused. If it is to be logged, which one of a minute is,
-    /// returns how many there were since the last that was.
-    pub(crate) fn refuse_contexts(&self, all: bool) -> Option<u64> {
-        self.refused[usize::from(all)].count()
+    /// Counts an association of which the presentation contexts of some classes were refused. If it is to be logged, which one of a
+    /// minute is, returns how many there were since the last that was.
+    pub(crate) fn refuse_contexts(&self, classes: &str) -> Option<u64> {
+        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        if refused.len() == MOST_REFUSED && !refused.contains_key(classes) {
+            refused.clear();
+        }
+        refused.entry(classes.to_owned()).or_default().count()
     }
 
     /// Counts a rejection. If it is to be logged, which one of a minute is, returns how many there were since the last that was.
