@@ -420,7 +420,7 @@ fn a_mask_of_single_slices_is_refused_for_those_that_are_missing() {
     let grid = head.brain.grid().clone();
     let mut voxels = head.brain.voxels().to_vec();
     for (index, voxel) in voxels.iter_mut().enumerate() {
-        *voxel &= grid.voxel(index)[1] % 2 == 0;
+        *voxel &= grid.voxel(index)[1].is_multiple_of(2);
     }
     let source = Source {
         volume: nifti(&head.volume),

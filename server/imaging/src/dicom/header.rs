@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::DicomError;
 use super::characters::{decode_texts, hide, needs_decoding};
 use super::error::{damaged, unsupported};
-use super::numbers::{integer, real, stated_integer, stated_real, stated_reals, text};
+use super::numbers::{integer, items, real, stated_integer, stated_real, stated_reals, text};
 use super::pet::Pet;
 use super::scan::Scanned;
 use super::syntax::{Encoding, Packing};
@@ -194,12 +194,6 @@ pub(super) fn refuse_other(file: &[u8]) -> Result<(), DicomError> {
             found: recognised(file),
         }),
     }
-}
-
-/// The items of a sequence; none if it is absent.
-pub(super) fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
-    let found = object.get(tag).and_then(|element| element.items());
-    found.unwrap_or_default()
 }
 
 /// The image in a file; `None` if it is not an MR, CT or PET image.

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::DicomError;
 use super::code;
 use super::error::damaged;
-use super::header::{items, parse, refuse_other};
-use super::numbers::text;
+use super::header::{parse, refuse_other};
+use super::numbers::{items, text};
 use super::scan::scan;
 
 /// The most findings and points that are read.

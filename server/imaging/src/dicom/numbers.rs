@@ -11,6 +11,12 @@ use super::DicomError;
 /// The longest value that an error repeats.
 const LONGEST_SHOWN: usize = 48;
 
+/// The items of a sequence; none if it is absent.
+pub(super) fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
+    let found = object.get(tag).and_then(|element| element.items());
+    found.unwrap_or_default()
+}
+
 /// An attribute's text, without padding.
 pub(super) fn text(object: &InMemDicomObject, tag: Tag) -> Option<String> {
     let value = object.get(tag)?.to_str().ok()?;

@@ -4,8 +4,7 @@ use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
 
-use super::header::items;
-use super::numbers::{real, text};
+use super::numbers::{items, real, text};
 
 /// The header of a PET image, as far as the standardised uptake value needs it.
 #[derive(Debug, Clone, PartialEq)]

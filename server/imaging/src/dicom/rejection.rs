@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::DicomError;
 use super::code::{self, Code};
 use super::error::damaged;
-use super::header::{items, parse};
-use super::numbers::text;
+use super::header::parse;
+use super::numbers::{items, text};
 use super::scan::scan;
 
 /// The titles of rejection notes: quality, patient safety, incorrect worklist entry, end of retention (PS3.16 CID 7011).
