@@ -1,4 +1,4 @@
-//! Requests whose bodies nobody reads to the end.
+//! Requests whose body is not read to its end.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use axum::response::Response;
 use bytes::Bytes;
 use hyper::body::{Frame, SizeHint};
 
-/// States that the connection ends after the refusal of a request whose body was not read to its end. The server closes it then, and a
-/// client that does not know that would send its next request in vain.
+/// Adds `Connection: close` to a refusal if the body of the request was not read to its end. The server closes the connection then, and
+/// the next request of a client that was not told would be lost.
 pub async fn close_after_refusal(request: Request, next: Next) -> Response {
     if request.body().is_end_stream() || request.version() > Version::HTTP_11 {
         return next.run(request).await;

@@ -43,7 +43,7 @@ impl Rejection {
     }
 }
 
-/// The most lists of refused classes that are told apart.
+/// How many lists of refused classes are counted apart.
 const MOST_REFUSED: usize = 100;
 
 /// Counts since the listener was started.

@@ -22,7 +22,7 @@ use crate::values::{
     Outcome, Reception, SERIES, Taken, images_rejected,
 };
 
-/// The most series that are listed although nothing of them has come that was not refused.
+/// How many series are listed of which everything was refused.
 const MOST_ALL_REFUSED: usize = 100;
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
@@ -574,7 +574,7 @@ async fn add(
     })
 }
 
-/// What the reason of an arrival is like of which nothing has come but objects that were refused.
+/// A pattern for the reason of an arrival of which everything was refused.
 fn of_all_refused() -> String {
     format!("%\"{ALL_REFUSED}\"%")
 }

@@ -44,7 +44,7 @@ pub(crate) struct Directory<'a> {
 }
 
 /// What the kernel gave.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Confinement {
     /// Whether it can never gain a privilege.
@@ -137,12 +137,7 @@ pub(crate) fn create_in(directory: &File, name: &str) -> io::Result<File> {
 /// Confines nothing: there are means for it on Linux alone.
 #[cfg(not(target_os = "linux"))]
 pub(crate) fn confine(_needs: &Needs<'_>) -> Confinement {
-    Confinement {
-        no_new_privileges: false,
-        own_user: false,
-        own_files: false,
-        few_calls: false,
-    }
+    Confinement::default()
 }
 
 /// Hides nothing: there are means for it on Linux alone.
