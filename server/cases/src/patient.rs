@@ -78,7 +78,7 @@ impl Patient {
             && issuer.is_none_or(|issuer| self.issuer.as_deref() == Some(issuer))
     }
 
-    /// The patient in the words of the page (`web/src/pacs/neighbour.ts`): `Müller, Änne · P-77 (HOSPITAL) · * 1967-03-12`. Two
+    /// The patient in the words of the page (`web/src/base/pacs.ts`): `Müller, Änne · P-77 (HOSPITAL) · * 1967-03-12`. Two
     /// hospitals may have given one id to two patients.
     pub fn words(&self) -> String {
         let text = |stated: &Option<String>| stated.clone().unwrap_or_default();

@@ -20,7 +20,6 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
-#[cfg(unix)]
 use tokio::net::UnixListener;
 use tokio::time::Instant;
 use tokio_rustls::TlsAcceptor;
@@ -170,7 +169,6 @@ pub async fn serve(
 pub enum Listener {
     Tcp(TcpListener),
     /// A socket in the file system, for a proxy alone.
-    #[cfg(unix)]
     Unix(UnixListener),
 }
 
@@ -199,7 +197,6 @@ async fn accept(listener: &Listener) -> Option<Accepted> {
                 address: Some(address.ip()),
             }
         }),
-        #[cfg(unix)]
         Listener::Unix(listener) => listener.accept().await.map(|(stream, _)| Accepted {
             stream: Box::new(stream),
             address: None,

@@ -1,6 +1,6 @@
 //! What the metrics say beside requests: the store, the PACS, the process.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use access::audit::Audit;
@@ -20,29 +20,15 @@ const PAGE: f64 = 4096.0;
 /// does not answer.
 const LONGEST_ANSWER: Duration = Duration::from_millis(1500);
 
-/// When the certificate of each listener ends, as it was last read.
-pub(crate) type CertificateEnds = Arc<Mutex<Vec<(&'static str, SystemTime)>>>;
-
-/// Adds when certificates and tokens end.
-pub(crate) fn add_ends(metrics: &Metrics, access: &Access, certificates: &CertificateEnds) {
-    let (access, certificates) = (access.clone(), Arc::clone(certificates));
+/// Adds when the next of the tokens ends.
+pub(crate) fn add_end_of_tokens(metrics: &Metrics, access: &Access) {
+    let access = access.clone();
     metrics.add(move || {
-        let certificates = certificates.lock().unwrap_or_else(PoisonError::into_inner);
-        ends(access.next_end(), &certificates)
+        let help = "When the next of the tokens ends, since 1970";
+        let next = Figure::gauge("isocortex_token_end_time_seconds", help);
+        let end = access.next_end().into_iter();
+        vec![end.fold(next, |figure, end| figure.with(&[], since_1970(end)))]
     });
-}
-
-fn ends(token: Option<SystemTime>, certificates: &[(&'static str, SystemTime)]) -> Vec<Figure> {
-    let help = "When the certificate of a listener ends, since 1970";
-    let certificate = Figure::gauge("isocortex_certificate_end_time_seconds", help);
-    let help = "When the next of the tokens ends, since 1970";
-    let next = Figure::gauge("isocortex_token_end_time_seconds", help);
-    vec![
-        (certificates.iter()).fold(certificate, |figure, &(listener, end)| {
-            figure.with(&[("listener", listener)], since_1970(end))
-        }),
-        (token.into_iter()).fold(next, |figure, end| figure.with(&[], since_1970(end))),
-    ]
 }
 
 fn since_1970(time: SystemTime) -> f64 {

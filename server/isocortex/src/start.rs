@@ -57,7 +57,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.tls()?;
     let mut checked = Checked::default();
     checked.warnings.extend(open_files);
-    checked.warnings.extend(config.certificate_warnings());
     checked.warnings.extend(config.memory_warning()?);
     let tokens = config.named_tokens()?;
     let named = tokens.len();

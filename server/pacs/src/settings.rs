@@ -82,9 +82,10 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
+        let arrivals = ArrivalOptions::default();
         Self {
-            stable_seconds: 20,
-            keep_days: 3,
+            stable_seconds: arrivals.stable.as_secs(),
+            keep_days: arrivals.keep.as_secs() / SECONDS_PER_DAY,
             deidentify: false,
             series: SeriesRule::default(),
             ignore_other_objects: true,

@@ -67,7 +67,6 @@ impl Directory {
 
 /// Checks that what this process writes into `folder` gets the owner of a file that is there. Otherwise the server could not read what a command
 /// of root has written. Some file systems give every file the same owner; there, anybody may write.
-#[cfg(unix)]
 fn check_owner(there: &std::fs::Metadata, folder: &Path) -> Result<(), StoreError> {
     use std::os::unix::fs::MetadataExt as _;
     let written = tempfile::tempfile_in(folder).and_then(|file| file.metadata());
@@ -76,12 +75,6 @@ fn check_owner(there: &std::fs::Metadata, folder: &Path) -> Result<(), StoreErro
         // If nothing can be written, that shows later.
         Ok(_) | Err(_) => Ok(()),
     }
-}
-
-/// Other systems have no owners.
-#[cfg(not(unix))]
-fn check_owner(_there: &std::fs::Metadata, _folder: &Path) -> Result<(), StoreError> {
-    Ok(())
 }
 
 /// Checks the same for objects in a folder of their own. An empty one belongs to anybody.
@@ -104,7 +97,6 @@ pub(super) fn sweep_shared(objects: &Path) -> io::Result<()> {
 fn create_private(root: &Path) -> io::Result<()> {
     let mut builder = std::fs::DirBuilder::new();
     builder.recursive(true);
-    #[cfg(unix)]
     std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
     builder.create(root)
 }
@@ -235,7 +227,6 @@ mod tests {
     }
 
     // Only root can give files away, and only root meets a directory of somebody else that it may write to.
-    #[cfg(unix)]
     #[tokio::test]
     async fn a_directory_of_another_user_is_not_written_to() {
         if !rustix::process::geteuid().is_root() {
@@ -253,7 +244,6 @@ mod tests {
         assert!(left.exists(), "nothing was removed");
     }
 
-    #[cfg(unix)]
     #[test]
     fn objects_of_another_user_are_not_written_to() {
         let objects = tempfile::tempdir().unwrap();

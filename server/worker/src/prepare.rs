@@ -1,6 +1,6 @@
 //! Preparations in processes of their own.
 //!
-//! The kernel keeps its limits, its memory is free as soon as it ends, and a crash is the end of one case. It is confined (`confine.rs`)
+//! The kernel keeps its limits, its memory is free as soon as it ends, and a crash is the end of one case. It is confined (`confine/`)
 //! before it reads the upload, and its results are checked like all that is read from the store.
 
 use std::fs::File;

@@ -350,18 +350,12 @@ impl Writer {
     }
 
     /// Whether the file was deleted, or moved with its folder, while it was open.
-    #[cfg(unix)]
     fn is_gone(&self) -> io::Result<bool> {
         use std::os::unix::fs::MetadataExt as _;
         let ours = self.file.metadata()?;
         let path = path_of(&self.folder, &self.process, self.number);
         let there = std::fs::symlink_metadata(path);
         Ok(!there.is_ok_and(|there| (there.dev(), there.ino()) == (ours.dev(), ours.ino())))
-    }
-
-    #[cfg(not(unix))]
-    fn is_gone(&self) -> io::Result<bool> {
-        Ok(false)
     }
 }
 
@@ -388,17 +382,13 @@ fn make_file(folder: &Path, process: &str, number: u32) -> io::Result<File> {
 
 fn private() -> OpenOptions {
     let mut options = OpenOptions::new();
-    #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     options
 }
 
 /// Makes the name of a new file durable.
 fn sync_folder(folder: &Path) -> io::Result<()> {
-    if cfg!(unix) {
-        File::open(folder)?.sync_all()?;
-    }
-    Ok(())
+    File::open(folder)?.sync_all()
 }
 
 /// Checks that a file can be made in a folder, and makes none that stays.
@@ -549,7 +539,6 @@ mod tests {
         assert_eq!(verified.lines, 22);
     }
 
-    #[cfg(unix)]
     #[test]
     fn files_are_for_their_owner_alone() {
         use std::os::unix::fs::PermissionsExt as _;
@@ -560,7 +549,6 @@ mod tests {
         assert_eq!(mode & 0o777, 0o600);
     }
 
-    #[cfg(unix)]
     #[test]
     fn where_nothing_can_be_written_it_says_so_until_something_can() {
         let outer = tempfile::tempdir().unwrap();
@@ -585,7 +573,6 @@ mod tests {
         assert!(verify(&folder).unwrap().breaks.is_empty());
     }
 
-    #[cfg(unix)]
     #[test]
     fn a_folder_that_was_renamed_gets_no_more_lines_and_the_one_in_its_place_does() {
         let outer = tempfile::tempdir().unwrap();

@@ -15,6 +15,7 @@ mod migrate_store;
 mod prepare;
 mod process;
 mod progress;
+mod reload;
 mod remove_expired;
 mod render;
 mod serve;
@@ -284,14 +285,9 @@ fn variables() -> impl Iterator<Item = String> {
 }
 
 /// Makes new files private to the user, because they contain images of patients.
-#[cfg(unix)]
 fn keep_files_private() {
     rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
 }
-
-/// Other systems have no modes.
-#[cfg(not(unix))]
-fn keep_files_private() {}
 
 /// Starts the runtime and waits for `work`.
 fn block_on<T>(work: impl Future<Output = Result<T, CliError>>) -> Result<T, CliError> {

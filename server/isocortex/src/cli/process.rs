@@ -21,7 +21,6 @@ pub(super) async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)
 
 /// Resolves when a signal tells the process to stop. It listens from the call on, so that a signal that comes
 /// immediately after the address is printed is not lost.
-#[cfg(unix)]
 pub(super) fn told_to_stop() -> impl Future<Output = ()> {
     use tokio::signal::unix::{SignalKind, signal};
     let signals = [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok());
@@ -39,13 +38,5 @@ pub(super) fn told_to_stop() -> impl Future<Output = ()> {
             () = terminated => {}
             () = interrupted => {}
         }
-    }
-}
-
-#[cfg(not(unix))]
-pub(super) async fn told_to_stop() {
-    // An error means that no signal can come; then only the end of the process stops it.
-    if tokio::signal::ctrl_c().await.is_err() {
-        std::future::pending::<()>().await;
     }
 }

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::pin::pin;
-use std::sync::{Arc, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
@@ -11,18 +11,16 @@ use clap::Args;
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
 use super::process::{bind, told_to_stop};
+use super::reload::{Reload, Watched};
 use super::status::{CliError, ExitStatus};
 use super::waiting;
 use crate::config::{Config, ConfigError, Network};
-use crate::figures::{self, CertificateEnds};
-use crate::{logs, start};
-use access::auth::Access;
+use crate::{figures, logs, start};
 use cases::dicom::DicomReader;
 use cases::jobs::start_workers;
 use cases::runner::Runner;
 use cases::settings::GpuUse;
 use http::listen;
-use http::tls::ListeningTls;
 use pacs::dimse::{self, ReloadedTls};
 use pacs::{start_series_reader, start_transfers};
 use service::state::AppState;
@@ -120,214 +118,12 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
                 server.address
             );
         }
-        let reloading = tokio::spawn(server.reload.clone().at_each_signal(args.clone()));
+        let args = args.clone();
+        let reloading = tokio::spawn(server.reload.clone().at_each_signal(move || args.config()));
         server.until_stopped().await;
         reloading.abort();
         Ok(())
     })
-}
-
-/// How often the files that are read again are looked at.
-const LOOK_EVERY: Duration = Duration::from_secs(2);
-
-/// What can be read again without a restart. Each is read by itself, so that a certificate that cannot be used keeps no withdrawn token alive.
-#[derive(Debug, Clone, Copy)]
-enum Part {
-    Tokens,
-    HttpTls,
-    DimseTls,
-}
-
-impl Part {
-    const ALL: [Self; 3] = [Self::Tokens, Self::HttpTls, Self::DimseTls];
-
-    /// In lines of the log.
-    fn words(self) -> &'static str {
-        match self {
-            Self::Tokens => "the tokens",
-            Self::HttpTls => "the certificates of HTTP",
-            Self::DimseTls => "the certificates of C-STORE",
-        }
-    }
-
-    /// The files that are looked at; the token without a name is read at SIGHUP alone.
-    fn files(self, config: &Config) -> Vec<PathBuf> {
-        let (http, dimse) = (&config.http, &config.pacs.dimse);
-        let files: &[&Option<PathBuf>] = match self {
-            Self::Tokens => &[&http.tokens_file],
-            Self::HttpTls => &[&http.tls_certificate, &http.tls_key],
-            Self::DimseTls => &[&dimse.tls_certificate, &dimse.tls_key, &dimse.tls_authority],
-        };
-        files.iter().copied().flatten().cloned().collect()
-    }
-}
-
-/// What is read again at SIGHUP, and when its files change.
-#[derive(Debug, Clone)]
-struct Reload {
-    access: Access,
-    /// Of HTTP.
-    tls: Option<ReloadedTls>,
-    /// Of C-STORE.
-    dimse_tls: Option<ReloadedTls>,
-    certificate_ends: CertificateEnds,
-    /// As it was at the start, or at the last signal.
-    config: Config,
-    watched: [Watched; 3],
-}
-
-/// The files of a part.
-#[derive(Debug, Clone)]
-struct Watched {
-    part: Part,
-    files: Vec<PathBuf>,
-    /// Their states before they were last read: whatever changes afterwards is seen.
-    seen: Vec<Option<FileState>>,
-    /// At how many looks in a row one of them was not there.
-    gone: u32,
-}
-
-/// What tells one state of a file from another: its length, the time of its last change and its number.
-type FileState = (u64, std::time::SystemTime, u64);
-
-impl Watched {
-    fn new(part: Part, config: &Config) -> Self {
-        let files = part.files(config);
-        let seen = look(&files);
-        Self {
-            part,
-            files,
-            seen,
-            gone: 0,
-        }
-    }
-
-    /// Whether the files have changed since the last look.
-    fn have_changed(&mut self) -> bool {
-        let now = look(&self.files);
-        if let Some(gone) = now.iter().position(Option::is_none) {
-            self.gone += 1;
-            // It may be gone for a moment, while it is replaced.
-            if self.gone == 2 {
-                tracing::error!(
-                    error = format!("{} is not there", self.files[gone].display()),
-                    "{} stay as they were",
-                    self.part.words()
-                );
-            }
-            return false;
-        }
-        self.gone = 0;
-        let differ = now != self.seen;
-        self.seen = now;
-        differ
-    }
-}
-
-impl Reload {
-    /// Reads what changes, and everything whenever the signal comes. What cannot be used by then stays as it was.
-    #[cfg(unix)]
-    async fn at_each_signal(mut self, args: ServeArgs) {
-        use tokio::signal::unix::{SignalKind, signal};
-        let Ok(mut signals) = signal(SignalKind::hangup()) else {
-            return;
-        };
-        let mut looks = tokio::time::interval(LOOK_EVERY);
-        loop {
-            tokio::select! {
-                signal = signals.recv() => {
-                    if signal.is_none() {
-                        return;
-                    }
-                    match args.config() {
-                        Ok(config) => self.config = config,
-                        Err(error) => tracing::error!(
-                            error = error.message,
-                            "the configuration stays as it was"
-                        ),
-                    }
-                    Part::ALL.into_iter().for_each(|part| self.read(part));
-                }
-                _ = looks.tick() => {
-                    let changed = self.watched.iter_mut().filter_map(|watched| watched.have_changed().then_some(watched.part));
-                    let changed: Vec<_> = changed.collect();
-                    changed.into_iter().for_each(|part| self.read(part));
-                }
-            }
-        }
-    }
-
-    #[cfg(not(unix))]
-    async fn at_each_signal(self, _args: ServeArgs) {}
-
-    /// Reads a part again, and says in the log what came of it.
-    fn read(&self, part: Part) {
-        let read = match (part, &self.tls, &self.dimse_tls) {
-            (Part::Tokens, ..) => self.read_tokens(),
-            (Part::HttpTls, Some(tls), _) => replace(tls, self.config.tls()),
-            (Part::DimseTls, _, Some(tls)) => {
-                let read = self.config.pacs.dimse.tls();
-                replace(tls, read.map_err(ConfigError::from))
-            }
-            (Part::HttpTls | Part::DimseTls, ..) => return,
-        };
-        // Whatever has replaced a file may have opened it to others.
-        self.config.keep_secrets();
-        let words = part.words();
-        match read {
-            Ok(()) => {
-                tracing::info!("{words} were read again");
-                if !matches!(part, Part::Tokens) {
-                    look_at_certificates(&self.config, &self.certificate_ends);
-                }
-            }
-            Err(error) => {
-                tracing::error!(error = error.message, "{words} stay as they were");
-            }
-        }
-    }
-
-    fn read_tokens(&self) -> Result<(), CliError> {
-        let access = self.config.access()?;
-        if let Some(warning) = self.config.warn_of_no_tokens()? {
-            // An editor may have emptied the file before it writes it.
-            return Err(CliError::new(ExitStatus::Config, warning));
-        }
-        self.access.replace_tokens(&access);
-        Ok(())
-    }
-}
-
-/// Warns of those that have ended or soon will, and notes when each ends.
-fn look_at_certificates(config: &Config, ends: &CertificateEnds) {
-    for warning in config.certificate_warnings() {
-        tracing::warn!("{warning}");
-    }
-    *ends.lock().unwrap_or_else(PoisonError::into_inner) = config.certificate_ends();
-}
-
-/// Uses another certificate, if there is one.
-fn replace(
-    current: &ReloadedTls,
-    read: Result<Option<ListeningTls>, ConfigError>,
-) -> Result<(), CliError> {
-    if let Some(tls) = read? {
-        current.replace(tls);
-    }
-    Ok(())
-}
-
-/// The state of each file; `None` if there is no such file.
-fn look(files: &[PathBuf]) -> Vec<Option<FileState>> {
-    let look = |file: &PathBuf| {
-        let metadata = std::fs::metadata(file).ok()?;
-        #[cfg(unix)]
-        let number = std::os::unix::fs::MetadataExt::ino(&metadata);
-        #[cfg(not(unix))]
-        let number = 0;
-        Some((metadata.len(), metadata.modified().ok()?, number))
-    };
-    files.iter().map(look).collect()
 }
 
 /// A running server.
@@ -347,10 +143,8 @@ pub(super) struct Server {
 impl Server {
     /// Opens the store, binds the address, and starts workers and the server; `None` if the process is told to stop while it waits for the store.
     pub(super) async fn start(config: &Config) -> Result<Option<Self>, CliError> {
-        let watched = Part::ALL.map(|part| Watched::new(part, config));
+        let watched = Watched::new(config);
         config.keep_secrets();
-        let certificate_ends = CertificateEnds::default();
-        look_at_certificates(config, &certificate_ends);
         let tls = config.tls()?.map(ReloadedTls::new);
         let address = Some(config.http.listen);
         let audit = config.audit()?;
@@ -366,12 +160,11 @@ impl Server {
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
         figures::add_audit(state.metrics(), state.audit());
-        figures::add_ends(state.metrics(), state.access(), &certificate_ends);
+        figures::add_end_of_tokens(state.metrics(), state.access());
         let mut reload = Reload {
             access: state.access().clone(),
             tls: tls.clone(),
             dimse_tls: None,
-            certificate_ends,
             config: config.clone(),
             watched,
         };
@@ -489,7 +282,6 @@ impl Drop for SocketFile {
 }
 
 /// A listener on a socket in the file system, which its owner and its group may open.
-#[cfg(unix)]
 fn bind_socket(path: &Path) -> Result<(listen::Listener, SocketFile), CliError> {
     use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
     let failed = |error| {
@@ -508,12 +300,6 @@ fn bind_socket(path: &Path) -> Result<(listen::Listener, SocketFile), CliError> 
     std::fs::set_permissions(path, for_group).map_err(failed)?;
     tracing::info!("listening for the proxy on its socket");
     Ok((listen::Listener::Unix(listener), file))
-}
-
-#[cfg(not(unix))]
-fn bind_socket(_path: &Path) -> Result<(listen::Listener, SocketFile), CliError> {
-    let message = "this system has no sockets in the file system (`proxy.socket`)";
-    Err(CliError::new(ExitStatus::Config, message))
 }
 
 /// Resolves at Ctrl-C or SIGTERM, after ending endless answers.

@@ -9,7 +9,7 @@ mod tokens;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use access::audit::{self, Audit};
 use access::auth::{Access, BadToken, unnamed};
@@ -21,7 +21,7 @@ use cases::settings::{Limits, Prepare, Render};
 use http::files::{UnreadableFile, read_file};
 use http::forwarded::TrustedProxies;
 use http::listen::ConnectionLimits;
-use http::tls::{BadTls, ListeningTls, certificate_end, certificate_warning, serving_tls};
+use http::tls::{BadTls, ListeningTls, serving_tls};
 use pacs::settings::{BadSettings, Settings};
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress, Opening};
@@ -141,7 +141,7 @@ pub enum ConfigError {
         "`proxy` needs `proxy.socket`, or the addresses of the proxies in `http.trusted_proxies`: headers that come from elsewhere are ignored"
     )]
     NoProxy,
-    /// Everybody could be everybody.
+    /// The trusted network covers all addresses, so any client could claim to be any user.
     #[error(
         "`http.trusted_proxies` has {network}, so that everybody could name anybody in the headers of `proxy`; list the addresses of the proxies alone"
     )]
@@ -327,30 +327,6 @@ impl Config {
             }
             _ => Err(ConfigError::HttpTls),
         }
-    }
-
-    /// The certificates that have ended or soon will, in sentences.
-    pub(crate) fn certificate_warnings(&self) -> Vec<String> {
-        let files = [&self.http.tls_certificate, &self.pacs.dimse.tls_certificate];
-        let warning = |file: &PathBuf| {
-            let pem = std::fs::read(file).ok()?;
-            let what = certificate_warning(&pem, SystemTime::now())?;
-            Some(format!("the certificate in {} {what}", file.display()))
-        };
-        files.into_iter().flatten().filter_map(warning).collect()
-    }
-
-    /// When the certificate of each listener ends.
-    pub(crate) fn certificate_ends(&self) -> Vec<(&'static str, SystemTime)> {
-        let files = [
-            ("http", &self.http.tls_certificate),
-            ("c-store", &self.pacs.dimse.tls_certificate),
-        ];
-        let end = |(listener, file): (_, &Option<PathBuf>)| {
-            let pem = std::fs::read(file.as_ref()?).ok()?;
-            Some((listener, certificate_end(&pem)?))
-        };
-        files.into_iter().filter_map(end).collect()
     }
 
     /// Begins the record of who does what, if there is a folder for it.

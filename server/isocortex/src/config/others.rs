@@ -5,7 +5,6 @@ use std::path::Path;
 use super::Config;
 
 /// The bit of a mode that lets everybody write.
-#[cfg(unix)]
 const EVERYBODY_WRITES: u32 = 0o002;
 
 impl Config {
@@ -101,20 +100,13 @@ impl Config {
     }
 }
 
-#[cfg(unix)]
 fn everybody_writes(file: &Path) -> bool {
     use std::os::unix::fs::PermissionsExt as _;
     let mode = std::fs::metadata(file).map(|metadata| metadata.permissions().mode());
     mode.is_ok_and(|mode| mode & EVERYBODY_WRITES != 0)
 }
 
-/// Other systems have no modes.
-#[cfg(not(unix))]
-fn everybody_writes(_file: &Path) -> bool {
-    false
-}
-
-#[cfg(all(test, unix))]
+#[cfg(test)]
 mod tests {
     use std::os::unix::fs::PermissionsExt as _;
     use std::path::PathBuf;

@@ -1,4 +1,4 @@
--- The tables of the PACS, beside those of the store. What 0100_store.sql says of numbers, times and digests holds here too.
+-- The tables of the PACS, beside those of the store. What 0200_store.sql says of numbers, times and digests holds here too.
 
 -- Series that come from a PACS, until they are cases and for some days after. UIDs and accession numbers are here because
 -- requests name series by them; names and birth dates are not.

@@ -372,9 +372,9 @@ pub(super) async fn arrive(
     Ok((arrived, returned > 0))
 }
 
-/// The fingerprint of an image that a result shows in two versions: no image has it, so that the result is closed as soon as a PACS has sent
-/// the image, as one of its layers is.
-const IN_TWO_VERSIONS: &str = "00000000000000000000000000000000:";
+/// Stands for the fingerprint of an image of which the layers of a result show different versions. No image has it, so any version that a PACS
+/// sends closes the result.
+const NEVER_EQUAL: &str = "00000000000000000000000000000000:";
 
 /// Notes of which images the layers were made that a result shows; they outlive the layers.
 pub(super) async fn make_result(
@@ -390,7 +390,7 @@ pub(super) async fn make_result(
                  WHERE case_id = $2 AND layer_id = $3 AND result_id = ''
                  ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
                  SET fingerprint = CASE WHEN made_of.fingerprint = excluded.fingerprint THEN made_of.fingerprint ELSE $4 END",
-                args![&result.result, &result.case, layer.to_string(), IN_TWO_VERSIONS],
+                args![&result.result, &result.case, layer.to_string(), NEVER_EQUAL],
             )
             .await?;
     }

@@ -90,9 +90,9 @@ fn introduction() -> String {
     )
 }
 
-/// The routes that need a token. Each states what the token must permit, and what is recorded.
+/// The routes that need a token. Each states what the token must permit, and what is recorded: of a path below `/v1/cases/`, with its `id`.
 fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
-    let counts = || middleware::from_fn_with_state(state.cases.clone(), say_what_counts);
+    let counts = || middleware::from_fn_with_state(state.cases.clone(), add_state_of_case);
     let answers = GuardedRoutes::default()
         .with(Scope::Read, Audited::No, routes!(sign_in::get_session))
         .with(Scope::Read, Audited::Query, routes!(cases::list_cases))
@@ -270,7 +270,7 @@ pub(crate) async fn answer_in_time(
 }
 
 /// Adds the quality of the mask, and why the case is closed, as headers to all answers that show a case.
-async fn say_what_counts(
+async fn add_state_of_case(
     State(cases): State<Cases>,
     path: RawPathParams,
     request: Request,

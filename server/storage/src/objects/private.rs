@@ -3,20 +3,16 @@
 use std::path::Path;
 
 /// The bits of a mode that let others read, write or enter.
-#[cfg(unix)]
 const OTHERS: u32 = 0o077;
 
 /// The bit of a mode that lets the group read.
-#[cfg(unix)]
 const GROUP_READS: u32 = 0o040;
 
 /// The bits of a mode that let others write.
-#[cfg(unix)]
 const OTHERS_WRITE: u32 = 0o022;
 
 /// The mode of a file or folder that others can read or change; `None` if they cannot. A secret that is mounted read-only, as in containers, has
 /// the mode that its user needs; whoever mounts it keeps others out.
-#[cfg(unix)]
 pub fn open_to_others(path: &Path) -> Option<u32> {
     use std::os::unix::fs::MetadataExt as _;
     let metadata = std::fs::metadata(path).ok()?;
@@ -25,15 +21,8 @@ pub fn open_to_others(path: &Path) -> Option<u32> {
     (is_open && !is_mounted_secret(is_on_read_only_mount(path), mode)).then_some(mode)
 }
 
-/// Other systems have no modes.
-#[cfg(not(unix))]
-pub fn open_to_others(_path: &Path) -> Option<u32> {
-    None
-}
-
 /// The bits of a mode that others have. They do not have the reading of a group if somebody has chosen that group: a file of another user can only be read by
 /// it, and root has a reason to give a file to a group that is not its own.
-#[cfg(unix)]
 fn others(metadata: &std::fs::Metadata) -> u32 {
     use std::os::unix::fs::MetadataExt as _;
     let user = rustix::process::geteuid();
@@ -48,7 +37,6 @@ fn others(metadata: &std::fs::Metadata) -> u32 {
 /// Removes the permissions of others from a file or folder, and logs it; `what` names it in the log.
 ///
 /// If the mode cannot be changed (a file of another owner), the log warns of that.
-#[cfg(unix)]
 pub fn keep_private(path: &Path, what: &str) {
     use std::os::unix::fs::PermissionsExt as _;
     let Some(before) = open_to_others(path) else {
@@ -69,23 +57,17 @@ pub fn keep_private(path: &Path, what: &str) {
     }
 }
 
-#[cfg(unix)]
 fn is_on_read_only_mount(path: &Path) -> bool {
     let mount = rustix::fs::statvfs(path);
     mount.is_ok_and(|mount| mount.f_flag.contains(rustix::fs::StatVfsMountFlags::RDONLY))
 }
 
 /// Whether a file is mounted read-only, and nobody but its owner may write to it.
-#[cfg(unix)]
 fn is_mounted_secret(is_on_read_only_mount: bool, mode: u32) -> bool {
     is_on_read_only_mount && mode & OTHERS_WRITE == 0
 }
 
-/// Other systems have no modes.
-#[cfg(not(unix))]
-pub fn keep_private(_path: &Path, _what: &str) {}
-
-#[cfg(all(test, unix))]
+#[cfg(test)]
 mod tests {
     use std::os::unix::fs::PermissionsExt as _;
 

@@ -18,8 +18,8 @@ const LEAST_JUMP: Duration = Duration::from_secs(7 * 86_400);
 /// How many cases may go in a day, however few came on any.
 const LEAST_A_DAY: u64 = 10;
 
-/// What goes because of its age. Each has a last time that was believed, because a jump that is small beside the age of the one is not
-/// beside that of the other.
+/// What goes because of its age. Cases and what a PACS has sent are kept for different times, so each has a last time of its own that was
+/// believed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Aged {
     Cases,
