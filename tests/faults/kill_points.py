@@ -142,6 +142,9 @@ def faults_after(call, number):
                 faults.append(f"a case is {after}")
             elif case is not None and server.ask("GET", f"{address}/mesh?depth_mm=5")[0] != 200:
                 faults.append("a case cannot be shown")
+        # A case that was taken and whose answer was lost is prepared too, with files of its own until then.
+        for case in server.json("/v1/cases")["cases"]:
+            settled(server, f"/v1/cases/{case['id']}")
         uploads = os.path.join(server.data, "uploads")
         left = [name for _, _, names in os.walk(uploads) for name in names]
         faults += [f"an upload is left: {len(left)} files"] if left else []
