@@ -16,8 +16,7 @@ use jiff::Timestamp;
 use serde::Deserialize;
 
 use crate::audit::event::{Action, Event, EventKind};
-use crate::audit::found::others;
-use crate::audit::line::{Begins, Position, STOP, write};
+use crate::audit::line::{Position, STOP, write};
 
 /// Events that may wait for the disk. Beyond this it counts as full.
 const WAITING: usize = 4096;
@@ -316,15 +315,8 @@ impl Writer {
             tracing::warn!(%error, "another file of the audit record cannot be begun");
         }
         let (mut lines, mut at) = (Vec::new(), self.at.clone());
-        let others = match self.length {
-            0 if self.number == 1 => others(&self.folder, &self.process),
-            _ => Vec::new(),
-        };
         for one in waiting {
-            let begins = (self.length == 0 && lines.is_empty()).then_some(Begins {
-                file: self.number,
-                others: &others,
-            });
+            let begins = (self.length == 0 && lines.is_empty()).then_some(self.number);
             let (line, next) = write(&one.event, &self.process, &at, begins);
             lines.extend(line);
             at = next;
@@ -414,7 +406,6 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::audit::found::files_in;
     use crate::audit::verify;
 
     fn audit(folder: &Path, max_file_bytes: u64) -> Audit {
@@ -524,8 +515,9 @@ mod tests {
         }
         assert!(verify(folder.path()).unwrap().files > 5);
         // As if it were killed between the file and its first line.
-        let last = files_in(folder.path()).unwrap().0.pop_last().unwrap();
-        let next = path_of(folder.path(), &last.0, last.1.len() as u32 + 1);
+        let all = verify(folder.path()).unwrap();
+        let process = &all.heads[0].process;
+        let next = path_of(folder.path(), process, all.files as u32 + 1);
         std::fs::write(next, "").unwrap();
         assert_eq!(verify(folder.path()).unwrap().breaks, []);
         let later = audit(folder.path(), 3000);
