@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use case::PublicError as _;
+use case::{ErrorKind, PublicError as _};
 use cases::Error;
 
 use crate::values::{ArrivalSource, Reception};
@@ -72,23 +72,16 @@ impl Refusal {
 /// An error, which is logged if it is none of the object.
 impl From<Error> for Refusal {
     fn from(error: Error) -> Self {
-        let status = match &error {
-            Error::Failure(_) => Status::CannotUnderstand,
-            Error::StorageFull | Error::Busy | Error::Unavailable | Error::StoreUnusable(_) => {
-                Status::OutOfResources
-            }
-            Error::StorageFailed(cause) => {
-                tracing::error!(
-                    error = cause as &dyn std::error::Error,
-                    "an image could not be stored"
-                );
-                Status::OutOfResources
-            }
-            error => {
-                tracing::error!(%error, "an image could not be stored");
-                Status::ProcessingFailure
-            }
+        let status = match (&error, error.kind()) {
+            (Error::Failure(_), _) => Status::CannotUnderstand,
+            (_, ErrorKind::Full | ErrorKind::Unavailable) => Status::OutOfResources,
+            _ => Status::ProcessingFailure,
         };
+        let cause = error.hidden_cause();
+        if cause.is_some() || status == Status::ProcessingFailure {
+            let error = cause.unwrap_or(&error);
+            tracing::error!(error, "an image could not be stored");
+        }
         Self {
             status,
             why: error.sentence().into(),
