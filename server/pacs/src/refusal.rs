@@ -40,9 +40,6 @@ pub(crate) struct Refusal {
 }
 
 impl Refusal {
-    pub(crate) const ANOTHER_CLASS: Self =
-        Self::new(Status::ClassNotSupported, "it is not an MR or CT image");
-
     pub(crate) const NOT_BETTER: Self = Self::new(
         Status::CannotUnderstand,
         "a better image came with its UID: decodable, placed or lossless",
@@ -159,7 +156,7 @@ mod tests {
     fn each_reason_is_counted_once_and_not_without_end() {
         let mut refusals = Refusals::of(ArrivalSource::Stow);
         for number in 0..90 {
-            refusals.add(&Refusal::ANOTHER_CLASS);
+            refusals.add(&Refusal::NOT_BETTER);
             refusals.add(&Refusal::MAY_NOT_REJECT);
             refusals.add(&Refusal {
                 status: Status::CannotUnderstand,
@@ -167,7 +164,7 @@ mod tests {
             });
         }
         assert_eq!(refusals.objects.len(), MOST_REASONS + 1);
-        assert_eq!(refusals.objects[&*Refusal::ANOTHER_CLASS.why], 90);
+        assert_eq!(refusals.objects[&*Refusal::NOT_BETTER.why], 90);
         assert_eq!(refusals.objects[OTHER_REASONS], 90 - (MOST_REASONS - 1));
     }
 }

@@ -244,12 +244,6 @@ impl Images<'_> {
 
     /// Takes an object that is no image, of which nothing is kept.
     async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
-        if !self.pacs.options().ignores_other_objects {
-            self.failed(&identity, &Refusal::ANOTHER_CLASS);
-            let refusal = Refusal::ANOTHER_CLASS;
-            self.note_refused(identity.uids, refusal).await;
-            return Ok(());
-        }
         // What came before a note came before it.
         self.flush().await?;
         let arrivals = self.pacs.arrivals();
