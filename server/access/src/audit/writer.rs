@@ -21,6 +21,9 @@ use crate::audit::line::{Position, STOP, write};
 /// Events that may wait for the disk. Beyond this it counts as full.
 const WAITING: usize = 4096;
 
+/// The size beyond which another file is begun, in bytes.
+const MAX_FILE_BYTES: u64 = 64 << 20;
+
 /// How often a disk that is full is tried again.
 const TICK: Duration = Duration::from_secs(1);
 
@@ -31,22 +34,11 @@ const LOOKED_AT: usize = 1 << 16;
 const DAY: i64 = 86_400;
 
 /// Where and how events are recorded; `[audit]` of the configuration.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The folder of the files, which must exist. Without one, nothing is recorded.
     pub folder: Option<PathBuf>,
-    /// The size beyond which another file is begun, in bytes.
-    pub max_file_bytes: u64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            folder: None,
-            max_file_bytes: 64 << 20,
-        }
-    }
 }
 
 /// An event cannot be recorded.
@@ -103,11 +95,15 @@ impl Audit {
     /// # Errors
     /// If a file cannot be made in the folder.
     pub fn start(options: Options) -> io::Result<Self> {
-        let Some(folder) = options.folder else {
-            return Ok(Self::default());
-        };
+        match options.folder {
+            Some(folder) => Self::start_in(folder, MAX_FILE_BYTES),
+            None => Ok(Self::default()),
+        }
+    }
+
+    fn start_in(folder: PathBuf, max_file_bytes: u64) -> io::Result<Self> {
         let is_full = Arc::new(AtomicBool::new(false));
-        let writer = Writer::start(folder, options.max_file_bytes, is_full.clone())?;
+        let writer = Writer::start(folder, max_file_bytes, is_full.clone())?;
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::Builder::new().name("audit".to_owned());
         let thread = thread.spawn(move || writer.run(&receiver))?;
@@ -409,11 +405,7 @@ mod tests {
     use crate::audit::verify;
 
     fn audit(folder: &Path, max_file_bytes: u64) -> Audit {
-        let options = Options {
-            folder: Some(folder.to_owned()),
-            max_file_bytes,
-        };
-        Audit::start(options).unwrap()
+        Audit::start_in(folder.to_owned(), max_file_bytes).unwrap()
     }
 
     fn event(object: &'static str) -> Event {
