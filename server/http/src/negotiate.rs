@@ -205,6 +205,7 @@ impl MediaType {
         })
     }
 
+    /// The value of a parameter; its name is in lower case.
     pub fn parameter(&self, name: &str) -> Option<&str> {
         let found = self.parameters.iter().find(|(key, _)| key == name);
         found.map(|(_, value)| value.as_str())

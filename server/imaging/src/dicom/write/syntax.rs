@@ -12,8 +12,11 @@ const PREAMBLE: usize = 128;
 /// What the head of a result states.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FileHead {
+    /// Its SOP Class UID.
     pub sop_class_uid: String,
+    /// Its SOP Instance UID.
     pub sop_instance_uid: String,
+    /// The UID of the transfer syntax of the data set.
     pub transfer_syntax: String,
     /// Where the data set begins.
     pub length: usize,
