@@ -1,7 +1,7 @@
 """Sends the audit record to another machine by Debian's rsyslog, with the configuration of docs/configuration.md.
 
-rsyslog and a receiver by TLS run as processes of the attack's own. All lines arrive: those of files that are begun later, of the time in which
-rsyslog or the receiver was away, and of the last process. What has arrived is a record that `isocortex audit verify` accepts.
+rsyslog and a receiver by TLS run as processes of the attack's own. All lines arrive: those of a process that begins later, and of the time in which
+rsyslog or the receiver was away. What has arrived is a record that `isocortex audit verify` accepts.
 """
 
 import contextlib
@@ -129,7 +129,7 @@ def attack(report, folder):
     with open(f"{folder}/rsyslog.conf", "w") as file:
         file.write(f'global(workDirectory="{folder}/spool")\n{text}')
     receivers, rsyslog = [Receiver(folder, port)], Rsyslog(folder, environment)
-    settings = f'[audit]\nfolder = "{audit}"\nmax_file_bytes = 6000\n'
+    settings = f'[audit]\nfolder = "{audit}"\n'
     with Server(settings=settings) as server:
         case = server.prepared(head())
 
@@ -137,6 +137,9 @@ def attack(report, folder):
             for _ in range(EXPORTS):
                 assert server.ask("GET", f"{case}/mask")[0] == 200
 
+        export()
+        # Each process begins a file.
+        server.restart()
         export()
         left = missing(receivers, audit)
         files = len(glob.glob(f"{audit}/*.jsonl"))
@@ -157,10 +160,8 @@ def attack(report, folder):
     arrived = dict.fromkeys(line for receiver in receivers for line in receiver.lines)
     report.expect("none is cut or changed", lines.issuperset(arrived), f"{len(arrived)} lines")
     os.mkdir(f"{folder}/back")
-    number = 0
     for line in sorted(arrived, key=lambda line: json.loads(line)["seq"]):
-        number = json.loads(line).get("file", number)
-        with open(f"{folder}/back/{json.loads(line)['process']}-{number:06}.jsonl", "a") as file:
+        with open(f"{folder}/back/{json.loads(line)['process']}-000001.jsonl", "a") as file:
             file.write(line + "\n")
     verified = subprocess.run([program(), "audit", "verify", f"{folder}/back"], capture_output=True, text=True)
     report.expect("together they are the record", verified.returncode == 0 or left, verified.stdout.splitlines()[-1:])

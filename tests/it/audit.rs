@@ -275,7 +275,6 @@ async fn a_case_that_is_removed_because_of_its_age_is_on_record_or_stays() {
     let config = Config {
         audit: access::audit::Options {
             folder: Some(elsewhere.clone()),
-            ..Default::default()
         },
         ..Config::default()
     };

@@ -9,7 +9,7 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{Method, Request, StatusCode};
-use axum::routing::post;
+use axum::routing::{MethodRouter, post};
 use isocortex::config::Config;
 use pacs::settings::Node;
 use serde_json::{Value, json};
@@ -626,13 +626,18 @@ async fn busy_node(busy: u32) -> (u16, Arc<std::sync::Mutex<Vec<Bytes>>>) {
             }
         }
     };
+    (node(post(store)).await, received)
+}
+
+/// A node at `/rs` on this port, which answers what is sent to it.
+async fn node(store: MethodRouter) -> u16 {
     let routes = Router::new()
-        .route("/rs/studies", post(store))
+        .route("/rs/studies", store)
         .layer(axum::extract::DefaultBodyLimit::disable());
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let port = listener.local_addr().unwrap().port();
     tokio::spawn(async move { axum::serve(listener, routes).await.unwrap() });
-    (port, received)
+    port
 }
 
 pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
@@ -759,26 +764,20 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
 
 #[tokio::test]
 async fn a_node_that_refuses_an_object_is_believed() {
-    // Another Isocortex stores MR and CT images only.
-    let other = Server::start_with(|config| {
-        config.dicom_program = crate::dicom::reader();
-        config.pacs.ignore_other_objects = false;
-    })
-    .await;
-    let socket = other.on_a_socket().await;
+    let refuse = async |body: Bytes| {
+        let report = report_of(&body).replace("00081199", "00081198");
+        (StatusCode::CONFLICT, report)
+    };
+    let port = node(post(refuse)).await;
     let neighbour = Neighbour::start(|config| {
-        add_node(
-            config,
-            "other",
-            format!("http://{}/dicomweb", socket.address),
-        );
-        add_node(config, "none", format!("http://{}/nothing", socket.address));
+        add_node(config, "refusing", format!("http://127.0.0.1:{port}/rs"));
+        add_node(config, "none", format!("http://127.0.0.1:{port}/nothing"));
     })
     .await;
     let case = identified_case(&neighbour).await;
     let _background = pacs::start_transfers(neighbour.server.pacs.clone());
     for (node, reason) in [
-        ("other", "node-did-not-store"),
+        ("refusing", "node-did-not-store"),
         ("none", "node-has-no-stow"),
     ] {
         let body = json!({"what": "mask", "node": node});
@@ -787,5 +786,4 @@ async fn a_node_that_refuses_an_object_is_believed() {
         assert_eq!(sent["state"], "failed");
         assert_eq!(sent["reason"]["name"], reason, "{sent}");
     }
-    other.is_empty_and_well().await;
 }

@@ -5,10 +5,11 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
 use cases::pictures::{PictureRequest, SliceQuery};
+use http::negotiate::MediaType;
 use http::sent::from_query;
 use imaging::dicom::{Options, attributes, convert, fingerprint, identify, marks};
 use imaging::{Limits, sniff};
-use pacs::multipart::{MediaType, Parser, Piece};
+use pacs::multipart::{Parser, Piece, boundary_of};
 use pipeline::codec;
 use report::ReportQuery;
 
@@ -58,7 +59,7 @@ pub fn multipart(bytes: &[u8]) {
     let kind = MediaType::parse(String::from_utf8_lossy(head).trim());
     let boundary = kind
         .as_ref()
-        .and_then(|kind| kind.boundary_of("application/dicom"));
+        .and_then(|kind| boundary_of(kind, "application/dicom"));
     let mut parser = Parser::new(boundary.unwrap_or("b"));
     for piece in body.chunks(body.len() / 3 + 1) {
         parser.push(piece);

@@ -3,13 +3,11 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use case::{
-    CaseState, Closed, ErrorKind, Failure, INTERNAL, MAX_LAYERS, PublicError, SOURCE_MISSING,
-};
+use case::{CaseState, Closed, ErrorKind, Failure, INTERNAL, PublicError};
 use geometry::GeometryError;
 use pipeline::Undefined;
 use render::RenderError;
-use storage::{FAILED_DISK, FULL_STORE, ObjectError, STORE_AWAY, StoreError};
+use storage::{ObjectError, STORE_AWAY, StoreError};
 
 /// An error of the application. The sentences may be shown to clients, except for [`Error::Store`].
 #[derive(Debug, thiserror::Error)]
@@ -27,12 +25,6 @@ pub enum Error {
     LayerClosed(Closed),
     #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,
-    /// The case has as many layers as it may have.
-    #[error("the case has {} layers, the limit; delete one", MAX_LAYERS)]
-    TooManyLayers,
-    /// Another layer of the case has the name.
-    #[error("another layer of the case has this name; choose another name")]
-    LayerNameTaken,
     /// The case has no maps.
     #[error(transparent)]
     MapsUndefined(Undefined),
@@ -58,24 +50,12 @@ pub enum Error {
     #[error("too much work is waiting; try again in a moment")]
     Busy,
     /// Too much work is waiting, and about how long that will take.
-    #[error("too much work is waiting; try again in {} s", .0.as_secs_f64().ceil().max(1.0))]
+    #[error("{}", StoreError::QueueFull(*.0))]
     BusyFor(Duration),
-    /// A stored upload that the request needs is missing. It may be back in a moment, if somebody mounts a folder.
-    #[error("{}", StoreError::SourceMissing)]
-    SourceMissing,
-    /// The server is stopping, or its store is unreachable.
+    /// The server is stopping, or its store does not answer in time.
     #[error("{STORE_AWAY}")]
     Unavailable,
-    /// The database and the objects do not belong to one store, or the object store denies access, until somebody corrects that. The
-    /// sentence is the store's.
-    #[error("{0}")]
-    StoreUnusable(String),
-    /// The store is full.
-    #[error("{FULL_STORE}")]
-    StorageFull,
-    /// The disk of the store has room, but cannot be written. The cause is for the log.
-    #[error("{FAILED_DISK}")]
-    StorageFailed(#[source] StoreError),
+    /// What else the store reports, as it reports it.
     #[error(transparent)]
     Store(StoreError),
     #[error("{INTERNAL}")]
@@ -104,19 +84,13 @@ impl PublicError for Error {
             Self::NotReady { .. }
             | Self::LayerNotReady
             | Self::LayerClosed(_)
-            | Self::TooManyLayers
-            | Self::LayerNameTaken
             | Self::MapsUndefined(_)
             | Self::NoSurfaces(_) => ErrorKind::Conflict,
             Self::Failure(failure) => failure.kind(),
             Self::Geometry(_) => ErrorKind::Unusable,
-            Self::Busy
-            | Self::BusyFor(_)
-            | Self::SourceMissing
-            | Self::Unavailable
-            | Self::StoreUnusable(_) => ErrorKind::Unavailable,
-            Self::StorageFull | Self::StorageFailed(_) => ErrorKind::Full,
-            Self::Store(_) | Self::Internal => ErrorKind::Internal,
+            Self::Busy | Self::BusyFor(_) | Self::Unavailable => ErrorKind::Unavailable,
+            Self::Store(error) => error.kind(),
+            Self::Internal => ErrorKind::Internal,
         }
     }
 
@@ -127,19 +101,14 @@ impl PublicError for Error {
             Self::LayerNotReady => "layer-not-ready",
             Self::LayerClosed(_) => "closed",
             Self::NoSuchLayer => "no-such-layer",
-            Self::TooManyLayers => "too-many-layers",
-            Self::LayerNameTaken => "layer-name-taken",
             Self::MapsUndefined(_) => "maps-undefined",
             Self::NoSurfaces(_) => "no-surfaces",
             Self::Failure(failure) => return failure.name(),
             Self::Parameter { kind, .. } => kind,
             Self::Geometry(_) => "geometry",
             Self::Busy | Self::BusyFor(_) => "busy",
-            Self::Unavailable | Self::StoreUnusable(_) => "unavailable",
-            Self::SourceMissing => SOURCE_MISSING,
-            Self::StorageFull => "storage-full",
-            Self::StorageFailed(_) => "storage-failed",
-            Self::Store(_) => "store",
+            Self::Unavailable => "unavailable",
+            Self::Store(error) => return error.name(),
             Self::Internal => "internal",
         };
         name.into()
@@ -147,8 +116,7 @@ impl PublicError for Error {
 
     fn sentence(&self) -> String {
         match self {
-            // Messages about the disk may contain paths, so they belong in the log.
-            Self::Store(_) => Self::Internal.to_string(),
+            Self::Store(error) => error.sentence(),
             // The parameter `.` is the whole body.
             Self::Parameter { name, detail, .. } if name == "." => format!("the body {detail}"),
             other => other.to_string(),
@@ -173,13 +141,14 @@ impl PublicError for Error {
         match self {
             Self::NotReady { .. } | Self::LayerNotReady => Some(READY_AFTER),
             Self::BusyFor(wait) => Some(*wait),
+            Self::Store(error) => error.retry_after(),
             _ => None,
         }
     }
 
     fn hidden_cause(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
-            Self::Store(cause) | Self::StorageFailed(cause) => Some(cause),
+            Self::Store(error) => error.hidden_cause(),
             _ => None,
         }
     }
@@ -196,27 +165,16 @@ impl From<StoreError> for Error {
         match error {
             StoreError::QueueFull(wait) => Self::BusyFor(wait),
             StoreError::NoSuchCase => Self::NoSuchCase,
-            StoreError::TooManyLayers => Self::TooManyLayers,
             StoreError::NoSuchLayer => Self::NoSuchLayer,
-            StoreError::SourceMissing => Self::SourceMissing,
-            StoreError::LayerNameTaken => Self::LayerNameTaken,
-            unusable if unusable.is_unusable() => {
-                tracing::warn!(
-                    error = &unusable as &dyn std::error::Error,
-                    "the store cannot be used"
-                );
-                Self::StoreUnusable(unusable.to_string())
+            error => {
+                if error.is_unusable() {
+                    tracing::warn!(
+                        error = &error as &dyn std::error::Error,
+                        "the store cannot be used"
+                    );
+                }
+                Self::Store(error)
             }
-            full if full.is_full() => Self::StorageFull,
-            failed if failed.is_unwritable() => Self::StorageFailed(failed),
-            away if away.is_away() => {
-                tracing::warn!(
-                    error = &away as &dyn std::error::Error,
-                    "the store is unreachable"
-                );
-                Self::Unavailable
-            }
-            other => Self::Store(other),
         }
     }
 }
@@ -266,11 +224,12 @@ mod tests {
     #[test]
     fn an_error_of_the_store_is_told_as_the_store_tells_it() {
         let disk = |kind| StoreError::Disk(std::io::Error::from(kind));
-        let errors: [fn() -> StoreError; 5] = [
+        let errors: [fn() -> StoreError; 6] = [
             || StoreError::NoSuchCase,
             || StoreError::NoSuchLayer,
             || StoreError::SourceMissing,
             || StoreError::LayerNameTaken,
+            || StoreError::TooManyLayers,
             || StoreError::QueueFull(Duration::from_millis(8300)),
         ];
         let told = |error: &dyn PublicError| {

@@ -70,8 +70,7 @@ impl Cases {
     /// Checks a layer and queues it; returns also the choice among DICOM files. One that is there already is answered as it is.
     ///
     /// # Errors
-    /// [`Error::Failure`] that states what is wrong with the upload or why the case failed; [`Error::NoSuchCase`], [`Error::TooManyLayers`],
-    /// [`Error::LayerNameTaken`], [`Error::Busy`], or an error of the store.
+    /// [`Error::Failure`] that states what is wrong with the upload or why the case failed; [`Error::NoSuchCase`], [`Error::Busy`], or an error of the store.
     pub async fn add_layer(
         &self,
         new: ReceivedLayer,
@@ -177,7 +176,7 @@ impl Cases {
     /// Renames a layer, moves it in the list, or states its contrast; returns it as it is then.
     ///
     /// # Errors
-    /// [`Error::Failure`] if the name or the contrast is unusable, [`Error::LayerNameTaken`], [`Error::NoSuchLayer`], or an error of
+    /// [`Error::Failure`] if the name or the contrast is unusable, [`Error::NoSuchLayer`], or an error of
     /// the store.
     pub async fn change_layer(
         &self,

@@ -13,7 +13,7 @@ const READY_WITHIN: Duration = Duration::from_secs(3);
 /// Checks that the store can be used and has room.
 ///
 /// # Errors
-/// [`Error::Unavailable`] if it does not answer in time, [`Error::StoreUnusable`], [`Error::StorageFull`] or [`Error::StorageFailed`].
+/// [`Error::Unavailable`] if it does not answer in time, or [`Error::Store`] if it is unusable, full or cannot be written.
 pub async fn check_ready(store: &Store) -> Result<(), Error> {
     within(READY_WITHIN, store.check()).await
 }
@@ -21,7 +21,7 @@ pub async fn check_ready(store: &Store) -> Result<(), Error> {
 /// Checks that the objects answer and are those of the rows, before a body is received that could not be stored.
 ///
 /// # Errors
-/// [`Error::Unavailable`] if they do not, [`Error::StoreUnusable`].
+/// [`Error::Unavailable`] if they do not, or [`Error::Store`] if the store is unusable.
 pub async fn check_before_upload(store: &Store) -> Result<(), Error> {
     within(READY_WITHIN, store.id()).await.map(drop)
 }
@@ -47,17 +47,12 @@ async fn within<T>(
     if is_news(&cause) {
         tracing::warn!(%error, cause, "the store is not ready");
     }
-    // What the conversion would log was said, once.
-    if error.is_unusable() {
-        return Err(Error::StoreUnusable(error.to_string()));
-    }
-    if error.is_away() {
-        return Err(Error::Unavailable);
-    }
-    match Error::from(error) {
-        known @ (Error::StorageFull | Error::StorageFailed(_)) => Err(known),
-        _ => Err(Error::Unavailable),
-    }
+    Err(
+        match error.is_unusable() || error.is_full() || error.is_unwritable() {
+            true => Error::Store(error),
+            false => Error::Unavailable,
+        },
+    )
 }
 
 /// Whether this is another cause than that of the check before, so that probes do not repeat it. An empty one is none.
@@ -105,6 +100,9 @@ mod tests {
         assert!(within(READY_WITHIN, ready(Ok(()))).await.is_ok());
         let full = StoreError::Disk(ErrorKind::StorageFull.into());
         let full = within::<()>(READY_WITHIN, ready(Err(full))).await;
-        assert!(matches!(full, Err(Error::StorageFull)), "{full:?}");
+        assert!(
+            matches!(&full, Err(Error::Store(error)) if error.is_full()),
+            "{full:?}"
+        );
     }
 }

@@ -127,19 +127,35 @@ pub fn media_type(
     best.ok_or_else(|| AppError::not_acceptable(offered))
 }
 
-/// The items of an `Accept` header with their quality, 0 to 1.
-struct Accepted(Vec<(String, f32)>);
+/// What a client accepts: media ranges or content codings, each with its quality, 0 to 1.
+pub struct Accepted(pub Vec<(MediaType, f32)>);
 
 impl Accepted {
-    fn read(headers: &HeaderMap, name: HeaderName) -> Self {
+    /// The items of a header, such as `Accept`.
+    pub fn read(headers: &HeaderMap, name: HeaderName) -> Self {
         let values = headers.get_all(name).into_iter();
-        let texts = values.filter_map(|value| value.to_str().ok());
-        let items = texts.flat_map(|text| text.split(',')).filter_map(item);
+        let texts: Vec<_> = values.filter_map(|value| value.to_str().ok()).collect();
+        Self::parse(&texts.join(","))
+    }
+
+    /// The items of a text, which commas outside of quotes separate.
+    pub fn parse(text: &str) -> Self {
+        let mut is_quoted = false;
+        let items = text.split(|letter| {
+            is_quoted ^= letter == '"';
+            letter == ',' && !is_quoted
+        });
+        let with_quality = |item: MediaType| {
+            let quality = item.parameter("q");
+            let quality = quality.map_or(1.0, |quality| quality.parse().unwrap_or(0.0));
+            (item, quality)
+        };
+        let items = items.filter_map(MediaType::parse).map(with_quality);
         Self(items.collect())
     }
 
     fn exact(&self, name: &str) -> Option<f32> {
-        let found = self.0.iter().find(|(item, _)| item == name);
+        let found = self.0.iter().find(|(item, _)| item.essence == name);
         found.map(|&(_, quality)| quality)
     }
 
@@ -153,15 +169,67 @@ impl Accepted {
     }
 }
 
-/// `name;q=0.5` → name and quality; other parameters are ignored. `None` for an empty item.
-fn item(text: &str) -> Option<(String, f32)> {
-    let mut parts = text.split(';').map(str::trim);
-    let name = parts.next().filter(|name| !name.is_empty())?;
-    let quality = parts
-        .filter_map(|part| part.split_once('='))
-        .find(|(key, _)| key.trim().eq_ignore_ascii_case("q"))
-        .map_or(1.0, |(_, value)| value.trim().parse().unwrap_or(0.0));
-    Some((name.to_ascii_lowercase(), quality))
+/// A media type, a range of them or a content coding, with its parameters.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MediaType {
+    /// Such as `multipart/related`, in lower case.
+    pub essence: String,
+    parameters: Vec<(String, String)>,
+}
+
+impl MediaType {
+    /// Parses the value of `Content-Type` (RFC 9110 §8.3), or an item of `Accept` or `Accept-Encoding`; `None` if it is not one.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (essence, mut rest) = match text.split_once(';') {
+            Some((essence, rest)) => (essence, rest),
+            None => (text, ""),
+        };
+        let essence = essence.trim().to_ascii_lowercase();
+        let mut parameters = Vec::new();
+        while !rest.trim().is_empty() {
+            let (name, value) = rest.split_once('=')?;
+            let value = value.trim_start();
+            let text;
+            (text, rest) = match value.strip_prefix('"') {
+                Some(quoted) => unquote(quoted)?,
+                None => {
+                    let (bare, rest) = value.split_once(';').unwrap_or((value, ""));
+                    (bare.trim().to_owned(), rest)
+                }
+            };
+            parameters.push((name.trim().to_ascii_lowercase(), text));
+        }
+        (!essence.is_empty()).then_some(Self {
+            essence,
+            parameters,
+        })
+    }
+
+    /// The value of a parameter; its name is in lower case.
+    pub fn parameter(&self, name: &str) -> Option<&str> {
+        let found = self.parameters.iter().find(|(key, _)| key == name);
+        found.map(|(_, value)| value.as_str())
+    }
+}
+
+/// The text up to the closing quotation mark, and what follows the next semicolon.
+fn unquote(text: &str) -> Option<(String, &str)> {
+    let mut value = String::new();
+    let mut characters = text.char_indices();
+    while let Some((at, character)) = characters.next() {
+        match character {
+            '"' => {
+                let rest = text[at + 1..].trim_start();
+                return match rest.strip_prefix(';') {
+                    Some(rest) => Some((value, rest)),
+                    None => rest.is_empty().then_some((value, rest)),
+                };
+            }
+            '\\' => value.push(characters.next()?.1),
+            other => value.push(other),
+        }
+    }
+    None
 }
 
 #[cfg(test)]
@@ -193,6 +261,8 @@ mod tests {
             Some(OFFERED[1])
         );
         assert_eq!(picked("text/html"), None);
+        let quoted = r#"application/octet-stream;a="b,c;q=1";q=0.1, model/*;q=0.2"#;
+        assert_eq!(picked(quoted), Some(OFFERED[1]));
     }
 
     #[test]

@@ -280,7 +280,6 @@ pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
     let options = pacs::Options {
         uploads: uploads(config, config.limits.max_dicom_bytes()),
         nodes: config.pacs.nodes()?,
-        ignores_other_objects: config.pacs.ignore_other_objects,
         shows_patient: config.shows_patient()?,
         time_zone: config.pacs.time_zone()?,
         audit: state.audit().clone(),

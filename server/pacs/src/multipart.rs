@@ -6,6 +6,7 @@
 //! multer, which reads our forms, holds everything that has arrived until a header ends, and refuses such lines.
 
 use bytes::{Buf as _, Bytes, BytesMut};
+use http::negotiate::MediaType;
 use memchr::memmem::Finder;
 
 /// The longest boundary. RFC 2046 allows 70 characters; 73 occur.
@@ -34,79 +35,17 @@ pub enum MultipartError {
     BadHeader,
 }
 
-/// A media type with its parameters.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct MediaType {
-    /// Such as `multipart/related`, in lower case.
-    pub essence: String,
-    parameters: Vec<(String, String)>,
-}
-
-impl MediaType {
-    /// Parses the value of `Content-Type` (RFC 9110 §8.3); `None` if it is not one.
-    pub fn parse(text: &str) -> Option<Self> {
-        let (essence, mut rest) = match text.split_once(';') {
-            Some((essence, rest)) => (essence, rest),
-            None => (text, ""),
-        };
-        let essence = essence.trim().to_ascii_lowercase();
-        let mut parameters = Vec::new();
-        while !rest.trim().is_empty() {
-            let (name, value) = rest.split_once('=')?;
-            let value = value.trim_start();
-            let text;
-            (text, rest) = match value.strip_prefix('"') {
-                Some(quoted) => unquote(quoted)?,
-                None => {
-                    let (bare, rest) = value.split_once(';').unwrap_or((value, ""));
-                    (bare.trim().to_owned(), rest)
-                }
-            };
-            parameters.push((name.trim().to_ascii_lowercase(), text));
-        }
-        essence.contains('/').then_some(Self {
-            essence,
-            parameters,
-        })
-    }
-
-    pub fn parameter(&self, name: &str) -> Option<&str> {
-        let found = self.parameters.iter().find(|(key, _)| key == name);
-        found.map(|(_, value)| value.as_str())
-    }
-
-    /// The boundary of `multipart/related` whose parts are of a kind.
-    pub fn boundary_of(&self, kind: &str) -> Option<&str> {
-        let of_kind = self
-            .parameter("type")
-            .is_none_or(|named| named.eq_ignore_ascii_case(kind));
-        let boundary = self.parameter("boundary")?;
-        let printable = |byte: u8| (b' '..=b'~').contains(&byte);
-        let is_sound = (1..=MAX_BOUNDARY_LENGTH).contains(&boundary.len())
-            && boundary.bytes().all(printable)
-            && !boundary.ends_with(' ');
-        (self.essence == "multipart/related" && of_kind && is_sound).then_some(boundary)
-    }
-}
-
-/// The text up to the closing quotation mark, and what follows the next semicolon.
-fn unquote(text: &str) -> Option<(String, &str)> {
-    let mut value = String::new();
-    let mut characters = text.char_indices();
-    while let Some((at, character)) = characters.next() {
-        match character {
-            '"' => {
-                let rest = text[at + 1..].trim_start();
-                return match rest.strip_prefix(';') {
-                    Some(rest) => Some((value, rest)),
-                    None => rest.is_empty().then_some((value, rest)),
-                };
-            }
-            '\\' => value.push(characters.next()?.1),
-            other => value.push(other),
-        }
-    }
-    None
+/// The boundary of `multipart/related` whose parts are of a kind.
+pub fn boundary_of<'a>(body: &'a MediaType, kind: &str) -> Option<&'a str> {
+    let of_kind = body
+        .parameter("type")
+        .is_none_or(|named| named.eq_ignore_ascii_case(kind));
+    let boundary = body.parameter("boundary")?;
+    let printable = |byte: u8| (b' '..=b'~').contains(&byte);
+    let is_sound = (1..=MAX_BOUNDARY_LENGTH).contains(&boundary.len())
+        && boundary.bytes().all(printable)
+        && !boundary.ends_with(' ');
+    (body.essence == "multipart/related" && of_kind && is_sound).then_some(boundary)
 }
 
 /// What comes next in a body.
@@ -479,7 +418,7 @@ mod tests {
             ("multipart/related; boundary=\"abc".to_owned(), None),
         ] {
             let kind = MediaType::parse(&text);
-            let found = kind.as_ref().and_then(|kind| kind.boundary_of(dicom));
+            let found = kind.as_ref().and_then(|kind| boundary_of(kind, dicom));
             assert_eq!(found, boundary, "{text}");
         }
     }

@@ -10,7 +10,8 @@ use cases::dicom::MAX_FILE_BYTES;
 use futures_util::future::poll_fn;
 use storage::{ObjectError, Spooled, Store, StoreError};
 
-use crate::multipart::{MediaType, MultipartError, Parser, Piece};
+use crate::multipart::{MultipartError, Parser, Piece};
+use http::negotiate::MediaType;
 use http::problem::AppError;
 use http::uploads::UploadLimits;
 

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use case::PublicError as _;
+use case::{ErrorKind, PublicError as _};
 use cases::Error;
 
 use crate::values::{ArrivalSource, Reception};
@@ -40,9 +40,6 @@ pub(crate) struct Refusal {
 }
 
 impl Refusal {
-    pub(crate) const ANOTHER_CLASS: Self =
-        Self::new(Status::ClassNotSupported, "it is not an MR or CT image");
-
     pub(crate) const NOT_BETTER: Self = Self::new(
         Status::CannotUnderstand,
         "a better image came with its UID: decodable, placed or lossless",
@@ -72,23 +69,16 @@ impl Refusal {
 /// An error, which is logged if it is none of the object.
 impl From<Error> for Refusal {
     fn from(error: Error) -> Self {
-        let status = match &error {
-            Error::Failure(_) => Status::CannotUnderstand,
-            Error::StorageFull | Error::Busy | Error::Unavailable | Error::StoreUnusable(_) => {
-                Status::OutOfResources
-            }
-            Error::StorageFailed(cause) => {
-                tracing::error!(
-                    error = cause as &dyn std::error::Error,
-                    "an image could not be stored"
-                );
-                Status::OutOfResources
-            }
-            error => {
-                tracing::error!(%error, "an image could not be stored");
-                Status::ProcessingFailure
-            }
+        let status = match (&error, error.kind()) {
+            (Error::Failure(_), _) => Status::CannotUnderstand,
+            (_, ErrorKind::Full | ErrorKind::Unavailable) => Status::OutOfResources,
+            _ => Status::ProcessingFailure,
         };
+        let cause = error.hidden_cause();
+        if cause.is_some() || status == Status::ProcessingFailure {
+            let error = cause.unwrap_or(&error);
+            tracing::error!(error, "an image could not be stored");
+        }
         Self {
             status,
             why: error.sentence().into(),
@@ -166,7 +156,7 @@ mod tests {
     fn each_reason_is_counted_once_and_not_without_end() {
         let mut refusals = Refusals::of(ArrivalSource::Stow);
         for number in 0..90 {
-            refusals.add(&Refusal::ANOTHER_CLASS);
+            refusals.add(&Refusal::NOT_BETTER);
             refusals.add(&Refusal::MAY_NOT_REJECT);
             refusals.add(&Refusal {
                 status: Status::CannotUnderstand,
@@ -174,7 +164,7 @@ mod tests {
             });
         }
         assert_eq!(refusals.objects.len(), MOST_REASONS + 1);
-        assert_eq!(refusals.objects[&*Refusal::ANOTHER_CLASS.why], 90);
+        assert_eq!(refusals.objects[&*Refusal::NOT_BETTER.why], 90);
         assert_eq!(refusals.objects[OTHER_REASONS], 90 - (MOST_REASONS - 1));
     }
 }

@@ -70,8 +70,6 @@ pub struct Settings {
     pub deidentify: bool,
     /// Which series become cases.
     pub series: SeriesRule,
-    /// Whether objects that are no MR or CT images, such as reports, are accepted and not kept; otherwise they are refused.
-    pub ignore_other_objects: bool,
     /// The zone of the dates and times of sources that do not state it: an offset such as `-03:00`, or a name such as
     /// `America/Sao_Paulo`.
     pub time_zone: Option<String>,
@@ -88,7 +86,6 @@ impl Default for Settings {
             keep_days: arrivals.keep.as_secs() / SECONDS_PER_DAY,
             deidentify: false,
             series: SeriesRule::default(),
-            ignore_other_objects: true,
             time_zone: None,
             dimse: Dimse::default(),
             nodes: Vec::new(),
@@ -291,7 +288,6 @@ impl Settings {
             aet: self.dimse.aet.clone(),
             peers: peers?,
             tls: tls.map(ReloadedTls::new),
-            ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
         };
         Ok(Some((listen, options)))

@@ -24,8 +24,6 @@ pub struct Options {
     pub uploads: UploadLimits,
     /// The nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,
-    /// Whether objects that are no images are accepted and not kept.
-    pub ignores_other_objects: bool,
     /// Whether the page shows the patient.
     pub shows_patient: bool,
     /// The zone of the scanners' dates and times, if it is known.

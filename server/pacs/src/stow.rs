@@ -14,13 +14,13 @@ use serde_json::{Value, json};
 use storage::Spooled;
 
 use crate::identity::{InstanceIdentity, series_of};
-use crate::multipart::MediaType;
+use crate::multipart::boundary_of;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::refusal::{Refusal, Refusals, Status, error_comment};
-use crate::rendered::media::{accepted_ranges, accepts};
 use crate::state::Pacs;
 use crate::values::{ArrivalSource, Reception};
 use http::fresh::fresh_json;
+use http::negotiate::{MediaType, media_type};
 use http::problem::AppError;
 
 const DICOM: &str = "application/dicom";
@@ -115,7 +115,7 @@ pub(crate) async fn store_in_study(
 
 async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Response, AppError> {
     let boundary = boundary(request.headers())?;
-    refuse_other_answers(request.headers())?;
+    media_type(request.headers(), &[DICOM_JSON, "application/json"])?;
     let limits = &pacs.options().uploads;
     if let Some(length) = request.body().size_hint().upper()
         && length > limits.max_bytes
@@ -150,7 +150,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
 fn boundary(headers: &HeaderMap) -> Result<String, AppError> {
     let kind = headers.get(header::CONTENT_TYPE);
     let kind = kind.and_then(|kind| MediaType::parse(kind.to_str().ok()?));
-    let boundary = kind.as_ref().and_then(|kind| kind.boundary_of(DICOM));
+    let boundary = kind.as_ref().and_then(|kind| boundary_of(kind, DICOM));
     boundary.map(str::to_owned).ok_or_else(|| {
         AppError::new(
             StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -158,15 +158,6 @@ fn boundary(headers: &HeaderMap) -> Result<String, AppError> {
             "send the images as multipart/related; type=\"application/dicom\"; boundary=…",
         )
     })
-}
-
-/// Refuses a request that accepts no DICOM JSON.
-fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
-    let ours = [DICOM_JSON, "application/json", "application/*", "*/*"];
-    match accepts(&accepted_ranges(headers), &ours) {
-        true => Ok(()),
-        false => Err(AppError::not_acceptable(&[DICOM_JSON])),
-    }
 }
 
 /// The images of a request.
@@ -244,12 +235,6 @@ impl Images<'_> {
 
     /// Takes an object that is no image, of which nothing is kept.
     async fn add_other(&mut self, identity: InstanceIdentity) -> Result<(), AppError> {
-        if !self.pacs.options().ignores_other_objects {
-            self.failed(&identity, &Refusal::ANOTHER_CLASS);
-            let refusal = Refusal::ANOTHER_CLASS;
-            self.note_refused(identity.uids, refusal).await;
-            return Ok(());
-        }
         // What came before a note came before it.
         self.flush().await?;
         let arrivals = self.pacs.arrivals();

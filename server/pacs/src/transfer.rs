@@ -73,9 +73,11 @@ impl From<PartsError> for TransferError {
 impl From<cases::Error> for TransferError {
     fn from(error: cases::Error) -> Self {
         let may_pass = !matches!(error, cases::Error::Failure(_));
+        let cause = std::error::Error::source(&error);
+        let cause = cause.map_or_else(String::new, |cause| format!(": {cause}"));
         Self {
             may_pass,
-            ..Self::lasting("retrieval-failed", error.to_string()).hidden()
+            ..Self::lasting("retrieval-failed", format!("{error}{cause}")).hidden()
         }
     }
 }

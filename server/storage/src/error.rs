@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crate::label::Mismatch;
 use crate::objects::{BUCKET, ObjectError};
-use case::{ErrorKind as PublicKind, INTERNAL, PublicError, SOURCE_MISSING};
+use case::{ErrorKind as PublicKind, INTERNAL, MAX_LAYERS, PublicError, SOURCE_MISSING};
 use sqlx::error::DatabaseError;
 
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
@@ -31,7 +31,7 @@ const CLOCKS_DIFFER: &str = "RequestTimeTooSkewed";
 #[non_exhaustive]
 pub enum StoreError {
     /// The queue is full, or the share of the client in it; a place will be free after about this time.
-    #[error("too many cases are waiting to be prepared")]
+    #[error("too much work is waiting; try again in {} s", .0.as_secs_f64().ceil().max(1.0))]
     QueueFull(Duration),
     /// There is no such case.
     #[error("there is no case with this id")]
@@ -43,10 +43,10 @@ pub enum StoreError {
     #[error("a stored upload is missing; tell the administrator of this server")]
     SourceMissing,
     /// The case has as many layers as it may have.
-    #[error("the case has as many layers as it may have")]
+    #[error("the case has {} layers, the limit; delete one", MAX_LAYERS)]
     TooManyLayers,
     /// Another layer of the case has the name.
-    #[error("another layer of the case has this name")]
+    #[error("another layer of the case has this name; choose another name")]
     LayerNameTaken,
     /// The rows were written by a newer version of this program.
     #[error(
@@ -193,10 +193,10 @@ impl StoreError {
 }
 
 /// What clients are told of a full store.
-pub const FULL_STORE: &str = "the store is full; free space on its disk, or enlarge it";
+const FULL_STORE: &str = "the store is full; free space on its disk, or enlarge it";
 
 /// What clients are told of a disk that has room, but cannot be written.
-pub const FAILED_DISK: &str =
+const FAILED_DISK: &str =
     "the disk of the server failed: cases can be viewed, but nothing can be stored; check the disk";
 
 /// What clients are told while the store is unreachable.
@@ -206,7 +206,7 @@ impl PublicError for StoreError {
     fn kind(&self) -> PublicKind {
         match self {
             Self::NoSuchCase | Self::NoSuchLayer => PublicKind::NotFound,
-            Self::LayerNameTaken => PublicKind::Conflict,
+            Self::TooManyLayers | Self::LayerNameTaken => PublicKind::Conflict,
             Self::QueueFull(_) | Self::SourceMissing => PublicKind::Unavailable,
             unusable if unusable.is_unusable() => PublicKind::Unavailable,
             full if full.is_full() || full.is_unwritable() => PublicKind::Full,
@@ -219,6 +219,7 @@ impl PublicError for StoreError {
         let name = match self {
             Self::NoSuchCase => "no-such-case",
             Self::NoSuchLayer => "no-such-layer",
+            Self::TooManyLayers => "too-many-layers",
             Self::LayerNameTaken => "layer-name-taken",
             Self::QueueFull(_) => "busy",
             Self::SourceMissing => SOURCE_MISSING,
@@ -233,13 +234,13 @@ impl PublicError for StoreError {
 
     fn sentence(&self) -> String {
         match self {
-            Self::NoSuchCase | Self::NoSuchLayer | Self::SourceMissing => self.to_string(),
+            Self::NoSuchCase
+            | Self::NoSuchLayer
+            | Self::TooManyLayers
+            | Self::LayerNameTaken
+            | Self::QueueFull(_)
+            | Self::SourceMissing => self.to_string(),
             unusable if unusable.is_unusable() => self.to_string(),
-            Self::LayerNameTaken => format!("{self}; choose another name"),
-            Self::QueueFull(wait) => {
-                let seconds = wait.as_secs_f64().ceil().max(1.0);
-                format!("too much work is waiting; try again in {seconds} s")
-            }
             full if full.is_full() => FULL_STORE.to_owned(),
             failed if failed.is_unwritable() => FAILED_DISK.to_owned(),
             away if away.is_away() => STORE_AWAY.to_owned(),
@@ -257,7 +258,7 @@ impl PublicError for StoreError {
     fn hidden_cause(&self) -> Option<&(dyn Error + 'static)> {
         match self.name().as_ref() {
             "store" | "storage-failed" => Some(self),
-            "unavailable" if self.is_away() => Some(self),
+            "unavailable" if !self.is_unusable() => Some(self),
             _ => None,
         }
     }
@@ -443,7 +444,7 @@ mod tests {
             (of_objects(BUCKET), "the object store failed"),
             (
                 StoreError::QueueFull(Duration::ZERO),
-                "too many cases are waiting to be prepared",
+                "too much work is waiting; try again in 1 s",
             ),
             (
                 StoreError::NewerSchema { found: 9, known: 7 },

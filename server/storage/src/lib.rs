@@ -44,9 +44,7 @@ use self::sql::Rows;
 use self::tables::{Connection, Tables};
 use case::{Case, CaseId};
 
-pub use self::error::{
-    FAILED_DISK, FULL_STORE, FailureCounts, STORE_AWAY, StoreError, failures, unless_missing,
-};
+pub use self::error::{FailureCounts, STORE_AWAY, StoreError, failures, unless_missing};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::label::{Mismatch, StoreId};

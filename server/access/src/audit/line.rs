@@ -5,14 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::audit::event::{Action, Event, Outcome};
 
-/// The last line of the record of a process, when another one began.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub(crate) struct Named {
-    pub(crate) process: String,
-    pub(crate) seq: u64,
-    pub(crate) digest: String,
-}
-
 /// What stands before the digest, which is the last key of a line.
 const BEFORE_DIGEST: &[u8] = b",\"digest\":\"";
 
@@ -69,19 +61,7 @@ struct Keys<'a> {
     /// The number of the file, in its first line.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<u32>,
-    /// The last lines of other processes, in the first line of this one.
-    #[serde(skip_serializing_if = "<[_]>::is_empty")]
-    others: &'a [Named],
     previous: String,
-}
-
-/// What the first line of a file has.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Begins<'a> {
-    /// The number of the file.
-    pub(crate) file: u32,
-    /// The last lines of other processes.
-    pub(crate) others: &'a [Named],
 }
 
 /// The line of an event with its end, and where the next one stands. The first line of a file has the number of the file.
@@ -89,7 +69,7 @@ pub(crate) fn write(
     event: &Event,
     process: &str,
     at: &Position,
-    begins_file: Option<Begins<'_>>,
+    begins_file: Option<u32>,
 ) -> (Vec<u8>, Position) {
     let (code, name) = event.kind.code();
     let now = Timestamp::now();
@@ -110,8 +90,7 @@ pub(crate) fn write(
         route: event.route.as_deref(),
         request: event.request.as_deref(),
         count: event.count,
-        file: begins_file.map(|begins| begins.file),
-        others: begins_file.map_or(&[][..], |begins| begins.others),
+        file: begins_file,
         previous: at.previous.to_hex().to_string(),
     };
     // Numbers, texts and options cannot fail.
@@ -190,11 +169,7 @@ mod tests {
         );
         event.from = Some("::ffff:10.0.0.5".parse().unwrap());
         event.case = Some("0123".into());
-        let begins = Begins {
-            file: 1,
-            others: &[],
-        };
-        let (line, next) = write(&event, "p", &Position::first(), Some(begins));
+        let (line, next) = write(&event, "p", &Position::first(), Some(1));
         let json: serde_json::Value = serde_json::from_slice(&line).unwrap();
         assert_eq!(json["name"], "DICOM Instances Accessed");
         assert_eq!(json["from"], "10.0.0.5");

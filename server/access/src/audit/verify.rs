@@ -1,13 +1,12 @@
 //! Whether a record is as it was written.
 
 use std::borrow::Cow;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::audit::found::{Files, files_in, first_line};
-use crate::audit::line::{NO_DIGEST, Named, Read, read};
+use crate::audit::line::{NO_DIGEST, Read, read};
 
 /// What was found in a folder.
 #[derive(Debug, Default)]
@@ -56,83 +55,32 @@ impl fmt::Display for Break {
 /// # Errors
 /// If the folder or a file cannot be read.
 pub fn verify(folder: &Path) -> io::Result<Verified> {
-    let (processes, strange) = files_in(folder)?;
-    let strange = strange.into_iter();
-    let mut verified = Verified {
-        notes: strange
-            .map(|name| format!("{name} is no file of an audit record"))
-            .collect(),
-        ..Verified::default()
-    };
-    let found = Found::of(&processes);
-    for (process, files) in &processes {
-        verify_process(process, files, &found, &mut verified)?;
-    }
-    found.look_for_missing(&processes, &mut verified);
-    Ok(verified)
-}
-
-/// What is known of the folder before its lines are read.
-struct Found {
-    /// The last lines that processes have found of others, and the file of whoever has found them.
-    named: Vec<(Named, String)>,
-    /// When the oldest file was begun.
-    oldest: String,
-}
-
-/// The second of a time, as names of processes have it.
-fn second(time: &str) -> String {
-    let digits = time.chars().filter(char::is_ascii_digit);
-    digits.take("20260101000000".len()).collect()
-}
-
-fn name_of(path: &Path) -> String {
-    let name = path.file_name().unwrap_or_default();
-    name.to_string_lossy().into_owned()
-}
-
-impl Found {
-    fn of(processes: &Files) -> Self {
-        let (mut named, mut begun) = (Vec::new(), Vec::new());
-        for path in processes.values().flat_map(BTreeMap::values) {
-            let Some(first) = first_line(path) else {
-                continue;
-            };
-            begun.push(second(&first.time));
-            let others = first.others.into_iter();
-            named.extend(others.map(|other| (other, name_of(path))));
-        }
-        let oldest = begun.into_iter().min().unwrap_or_default();
-        Self { named, oldest }
-    }
-
-    /// Whether a file is here that is older than a process: then all of the process should be here, too.
-    fn has_older_than(&self, process: &str) -> bool {
-        !self.oldest.is_empty() && self.oldest < second(process)
-    }
-
-    /// Reports processes of which no file is here.
-    fn look_for_missing(&self, processes: &Files, verified: &mut Verified) {
-        let mut told = BTreeSet::new();
-        for (Named { process, .. }, file) in &self.named {
-            if processes.contains_key(process) || !told.insert(process) {
-                continue;
+    let mut verified = Verified::default();
+    // The files of each process, by their numbers.
+    let mut processes = BTreeMap::<_, BTreeMap<_, _>>::new();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        match process_and_number(&name) {
+            Some((process, number)) => {
+                processes.entry(process).or_default().insert(number, path);
             }
-            if self.has_older_than(process) {
-                verified.breaks.push(Break {
-                    file: file.clone(),
-                    line: 1,
-                    what: format!(
-                        "all files of {process} are missing, which were there when this one was begun"
-                    )
-                    .into(),
-                });
-            } else {
-                let note = format!("the files of {process} are not here, nor any older ones");
+            None => {
+                let note = format!("{name} is no file of an audit record");
                 verified.notes.push(note);
             }
         }
     }
+    for (process, files) in &processes {
+        verify_process(process, files, &mut verified)?;
+    }
+    Ok(verified)
+}
+
+/// The process and the number of a file of the record.
+fn process_and_number(name: &str) -> Option<(String, u32)> {
+    let (process, number) = name.strip_suffix(".jsonl")?.rsplit_once('-')?;
+    Some((process.to_owned(), number.parse().ok()?))
 }
 
 /// What the next line must follow.
@@ -145,18 +93,13 @@ struct Chain {
 fn verify_process(
     process: &str,
     files: &BTreeMap<u32, PathBuf>,
-    found: &Found,
     verified: &mut Verified,
 ) -> io::Result<()> {
-    let named = found.named.iter().map(|(named, _)| named);
-    let mut named: Vec<_> = named.filter(|named| named.process == process).collect();
-    named.sort_by_key(|named| named.seq);
     let mut chain = Chain {
         last: None,
         is_stopped: false,
     };
     let mut expected = 1;
-    let mut last_line = (process.to_owned(), 0);
     let last = files.keys().next_back();
     for (&number, path) in files {
         let file = path.file_name().unwrap_or_default().to_string_lossy();
@@ -167,16 +110,16 @@ fn verify_process(
                 what,
             });
         };
-        let missing = |number| format!("the file {number:06} before this one is missing").into();
         let truncated = Cow::Borrowed("the end of the line is missing");
         if number > expected && expected > 1 {
-            report(1, missing(expected));
+            report(
+                1,
+                format!("the file {expected:06} before this one is missing").into(),
+            );
             // What is missing is said.
             chain.last = None;
         }
-        if number > 1 && expected == 1 && found.has_older_than(process) {
-            report(1, missing(number - 1));
-        } else if number > 1 && expected == 1 {
+        if number > 1 && expected == 1 {
             let note = format!("the files of {process} before {number:06} are not here");
             verified.notes.push(note);
         }
@@ -217,23 +160,8 @@ fn verify_process(
             }
             if let Some(what) = chain.follow(&line, begins_here) {
                 report(at + 1, what);
-            } else if let Some(named) = named.iter().find(|named| named.seq == line.seq)
-                && named.digest != line.digest
-            {
-                let what = "another process has found another line in this place";
-                report(at + 1, what.into());
             }
-            last_line = (file.clone().into_owned(), at + 1);
         }
-    }
-    let last = chain.last.as_ref().map_or(0, |(seq, _)| *seq);
-    if let Some(named) = named.last().filter(|named| named.seq > last) {
-        let (file, line) = last_line;
-        let count = named.seq - last;
-        let what =
-            format!("{count} lines after this one were removed, which another process has found");
-        let what = what.into();
-        verified.breaks.push(Break { file, line, what });
     }
     if !chain.is_stopped {
         let note = format!(
@@ -280,7 +208,7 @@ impl Chain {
 mod tests {
     use super::*;
     use crate::audit::event::{Action, Event, EventKind};
-    use crate::audit::line::{Begins, Position, STOP, write};
+    use crate::audit::line::{Position, STOP, write};
 
     const PROCESS: &str = "20260101T000000Z-00000001";
 
@@ -296,7 +224,6 @@ mod tests {
         let objects = ["start", "a", "b", "c", "d", STOP];
         let lines = objects.map(|object| {
             let begins = files.next().copied().filter(|&file| file > 0);
-            let begins = begins.map(|file| Begins { file, others: &[] });
             let kind = match object {
                 STOP => EventKind::ApplicationActivity,
                 _ => EventKind::Export,
@@ -410,23 +337,12 @@ mod tests {
     fn an_empty_file_is_the_last_one_of_a_process_that_was_killed_or_a_break() {
         let all = lines_in(&[1, 0, 2, 0, 0, 0]);
         let [one, two] = [all[..2].concat(), all[2..].concat()];
-        let (breaks, verified) = found(&[(1, one.clone()), (2, String::new())]);
+        let (breaks, verified) = found(&[(1, one), (2, String::new())]);
         assert_eq!(breaks, [""; 0]);
         assert!(verified.notes[0].contains("has not stopped in order"));
         assert_eq!(found(&[(1, String::new())]).0, [""; 0]);
         let (breaks, _) = found(&[(1, String::new()), (2, two)]);
         assert_eq!(breaks, ["1: the end of the line is missing"]);
-        // The next process names the last line that is there.
-        let folder = tempfile::tempdir().unwrap();
-        for (number, text) in [(1, &one[..]), (2, "")] {
-            let name = format!("{PROCESS}-{number:06}.jsonl");
-            std::fs::write(folder.path().join(name), text).unwrap();
-        }
-        let next = begin_on(folder.path(), 2);
-        assert_eq!(first_line(&next).unwrap().others[0].seq, 2);
-        assert_eq!(verify(folder.path()).unwrap().breaks, []);
-        std::fs::remove_file(folder.path().join(format!("{PROCESS}-000002.jsonl"))).unwrap();
-        assert_eq!(verify(folder.path()).unwrap().breaks, []);
     }
 
     #[test]
@@ -440,95 +356,13 @@ mod tests {
         assert!(verified.notes[0].contains("before 000002 are not here"));
     }
 
-    /// Writes the record of a process that began on a day, finds what is in the folder, and stops; the path of its file.
-    fn begin_on(folder: &Path, day: u32) -> PathBuf {
-        let process = format!("202601{day:02}T000000Z-00000001");
-        let event = |object| {
-            Event::new(
-                EventKind::ApplicationActivity,
-                Action::Read,
-                object,
-                "isocortex",
-            )
-        };
-        let others = crate::audit::found::others(folder, &process);
-        let begins = Begins {
-            file: 1,
-            others: &others,
-        };
-        let (first, at) = write(&event("start"), &process, &Position::first(), Some(begins));
-        let (last, _) = write(&event(STOP), &process, &at, None);
-        let path = folder.join(format!("{process}-000001.jsonl"));
-        std::fs::write(&path, [first, last].concat()).unwrap();
-        path
-    }
-
-    /// The record of a process that is as old as its name says.
-    fn begin_long_ago(folder: &Path) -> PathBuf {
-        let lines = lines_in(&[1, 0, 2, 0, 0, 0]);
-        let [one, two] = [0..2, 2..6].map(|range| lines[range].concat());
-        let dated = one.replace(
-            &one[one.find("\"time\":\"").unwrap() + 8..][..10],
-            "2025-12-31",
-        );
-        let first = folder.join(format!("{PROCESS}-000001.jsonl"));
-        std::fs::write(&first, dated).unwrap();
-        std::fs::write(folder.join(format!("{PROCESS}-000002.jsonl")), two).unwrap();
-        first
-    }
-
     #[test]
-    fn a_process_that_is_missing_between_others_is_found() {
+    fn a_file_of_something_else_is_a_note() {
         let folder = tempfile::tempdir().unwrap();
-        let folder = folder.path();
-        std::fs::write(folder.join("old.txt"), "").unwrap();
-        let [_, second, third] = [2, 3, 4].map(|day| begin_on(folder, day));
-        let verified = verify(folder).unwrap();
-        assert_eq!(verified.breaks, []);
-        // The lines have the time of this test, so that none is older than the names.
-        let lines = std::fs::read_to_string(&second).unwrap();
-        std::fs::remove_file(&second).unwrap();
-        let verified = verify(folder).unwrap();
-        assert_eq!(verified.breaks, []);
-        assert!(
-            verified
-                .notes
-                .iter()
-                .any(|note| note.contains("nor any older ones"))
-        );
-        begin_long_ago(folder);
-        let verified = verify(folder).unwrap();
-        let missing = verified.breaks.iter().find(|found| {
-            let what = &found.what;
-            what.starts_with("all files of 20260103") && what.contains("are missing")
-        });
-        assert_eq!(missing.unwrap().file, name_of(&third));
-        // Its last line alone is missed, too.
-        let first = lines.split_inclusive('\n').next().unwrap();
-        std::fs::write(&second, first).unwrap();
-        let cut = verify(folder).unwrap();
-        assert!(
-            cut.breaks.iter().any(|found| found
-                .what
-                .starts_with("1 lines after this one were removed")),
-            "{cut:?}"
-        );
-    }
-
-    #[test]
-    fn a_process_names_what_nobody_has_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let others = |path: &Path| {
-            let others = first_line(path).unwrap().others;
-            let days = others
-                .into_iter()
-                .map(|named| named.process[..8].to_owned());
-            days.collect::<Vec<_>>()
-        };
-        let [first, second, third] = [2, 3, 4].map(|day| begin_on(folder.path(), day));
-        assert!(others(&first).is_empty());
-        assert_eq!(others(&second), ["20260102"]);
-        assert_eq!(others(&third), ["20260103"]);
+        std::fs::write(folder.path().join("old.txt"), "").unwrap();
+        let verified = verify(folder.path()).unwrap();
+        assert_eq!((verified.files, verified.breaks.len()), (0, 0));
+        assert_eq!(verified.notes, ["old.txt is no file of an audit record"]);
     }
 
     #[test]

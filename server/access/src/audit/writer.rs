@@ -16,11 +16,13 @@ use jiff::Timestamp;
 use serde::Deserialize;
 
 use crate::audit::event::{Action, Event, EventKind};
-use crate::audit::found::others;
-use crate::audit::line::{Begins, Position, STOP, write};
+use crate::audit::line::{Position, STOP, write};
 
 /// Events that may wait for the disk. Beyond this it counts as full.
 const WAITING: usize = 4096;
+
+/// The size beyond which another file is begun, in bytes.
+const MAX_FILE_BYTES: u64 = 64 << 20;
 
 /// How often a disk that is full is tried again.
 const TICK: Duration = Duration::from_secs(1);
@@ -32,22 +34,11 @@ const LOOKED_AT: usize = 1 << 16;
 const DAY: i64 = 86_400;
 
 /// Where and how events are recorded; `[audit]` of the configuration.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The folder of the files, which must exist. Without one, nothing is recorded.
     pub folder: Option<PathBuf>,
-    /// The size beyond which another file is begun, in bytes.
-    pub max_file_bytes: u64,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            folder: None,
-            max_file_bytes: 64 << 20,
-        }
-    }
 }
 
 /// An event cannot be recorded.
@@ -104,11 +95,15 @@ impl Audit {
     /// # Errors
     /// If a file cannot be made in the folder.
     pub fn start(options: Options) -> io::Result<Self> {
-        let Some(folder) = options.folder else {
-            return Ok(Self::default());
-        };
+        match options.folder {
+            Some(folder) => Self::start_in(folder, MAX_FILE_BYTES),
+            None => Ok(Self::default()),
+        }
+    }
+
+    fn start_in(folder: PathBuf, max_file_bytes: u64) -> io::Result<Self> {
         let is_full = Arc::new(AtomicBool::new(false));
-        let writer = Writer::start(folder, options.max_file_bytes, is_full.clone())?;
+        let writer = Writer::start(folder, max_file_bytes, is_full.clone())?;
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::Builder::new().name("audit".to_owned());
         let thread = thread.spawn(move || writer.run(&receiver))?;
@@ -316,15 +311,8 @@ impl Writer {
             tracing::warn!(%error, "another file of the audit record cannot be begun");
         }
         let (mut lines, mut at) = (Vec::new(), self.at.clone());
-        let others = match self.length {
-            0 if self.number == 1 => others(&self.folder, &self.process),
-            _ => Vec::new(),
-        };
         for one in waiting {
-            let begins = (self.length == 0 && lines.is_empty()).then_some(Begins {
-                file: self.number,
-                others: &others,
-            });
+            let begins = (self.length == 0 && lines.is_empty()).then_some(self.number);
             let (line, next) = write(&one.event, &self.process, &at, begins);
             lines.extend(line);
             at = next;
@@ -404,15 +392,10 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::audit::found::files_in;
     use crate::audit::verify;
 
     fn audit(folder: &Path, max_file_bytes: u64) -> Audit {
-        let options = Options {
-            folder: Some(folder.to_owned()),
-            max_file_bytes,
-        };
-        Audit::start(options).unwrap()
+        Audit::start_in(folder.to_owned(), max_file_bytes).unwrap()
     }
 
     fn event(object: &'static str) -> Event {
@@ -514,8 +497,9 @@ mod tests {
         }
         assert!(verify(folder.path()).unwrap().files > 5);
         // As if it were killed between the file and its first line.
-        let last = files_in(folder.path()).unwrap().0.pop_last().unwrap();
-        let next = path_of(folder.path(), &last.0, last.1.len() as u32 + 1);
+        let all = verify(folder.path()).unwrap();
+        let process = &all.heads[0].process;
+        let next = path_of(folder.path(), process, all.files as u32 + 1);
         std::fs::write(next, "").unwrap();
         assert_eq!(verify(folder.path()).unwrap().breaks, []);
         let later = audit(folder.path(), 3000);

@@ -22,7 +22,7 @@ enum AuditCommand {
 }
 
 /// Reads all files of the record, prints each place at which it is not as it was written, then the last line of each process:
-/// compare these with ones that you kept elsewhere, because lines that are missing at the end leave no other trace. The exit status
+/// compare these with the lines on the machine that they are shipped to, because whole files or last lines that were removed leave no other trace here. The exit status
 /// is 0 if nothing was found, 66 if the folder has no record, otherwise 74. The record may be in use.
 #[derive(Debug, Clone, Args)]
 struct VerifyArgs {

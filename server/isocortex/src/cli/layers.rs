@@ -187,7 +187,7 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
         parameters,
     };
     let submitted = store.submit_layer(upload).await;
-    Ok(submitted.map_err(cases::Error::from)?.layer)
+    Ok(submitted?.layer)
 }
 
 /// Waits until a layer is ready.

@@ -77,6 +77,8 @@ impl From<StoreError> for CliError {
     fn from(error: StoreError) -> Self {
         let status = match error {
             StoreError::QueueFull(_) => ExitStatus::Unavailable,
+            StoreError::NoSuchCase | StoreError::NoSuchLayer => ExitStatus::NoInput,
+            StoreError::TooManyLayers | StoreError::LayerNameTaken => ExitStatus::BadInput,
             StoreError::NoStore(_)
             | StoreError::Mismatch(_)
             | StoreError::OtherUser(_)
@@ -134,11 +136,11 @@ impl From<StartError> for CliError {
 
 impl From<Error> for CliError {
     fn from(error: Error) -> Self {
-        let status = match &error {
+        let status = match error {
+            Error::Failure(failure) => return failure.into(),
+            Error::Store(error) => return error.into(),
             Error::Parameter { .. } => ExitStatus::Usage,
             Error::NoSuchCase | Error::NoSuchLayer => ExitStatus::NoInput,
-            Error::TooManyLayers | Error::LayerNameTaken => ExitStatus::BadInput,
-            Error::Failure(failure) => return failure.clone().into(),
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
                 ExitStatus::Unavailable
             }
@@ -146,11 +148,7 @@ impl From<Error> for CliError {
             Error::Geometry(_) | Error::MapsUndefined { .. } | Error::NoSurfaces(_) => {
                 ExitStatus::BadInput
             }
-            Error::Store(_) | Error::StorageFailed(_) | Error::SourceMissing => {
-                ExitStatus::InputOutput
-            }
-            Error::StoreUnusable(_) => ExitStatus::Config,
-            Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
+            Error::Unavailable | Error::Internal => ExitStatus::Internal,
         };
         Self::new(status, error)
     }

@@ -370,7 +370,6 @@ impl Config {
     /// If a number that must be at least 1 is 0.
     pub fn check(&self) -> Result<(), ConfigError> {
         let counts = [
-            ("audit.max_file_bytes", self.audit.max_file_bytes),
             ("limits.max_upload_bytes", self.limits.max_upload_bytes),
             ("limits.max_voxels", self.limits.max_voxels as u64),
             (

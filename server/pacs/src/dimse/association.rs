@@ -157,7 +157,6 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         contexts: &contexts,
         state: State::Command(Vec::new()),
         studies: BTreeMap::new(),
-        ignores_other_objects: options.ignores_other_objects,
         may_reject: (caller.peers.iter())
             .any(|peer| peer.may_reject && peer.aet == request.calling_ae_title),
         peer: &request.calling_ae_title,
@@ -237,7 +236,6 @@ struct Messages<'a> {
     state: State,
     /// How many images of each study were stored, by the digest of its UID.
     studies: BTreeMap<String, usize>,
-    ignores_other_objects: bool,
     /// Whether the rejection notes of the peer count.
     may_reject: bool,
     /// The title of the peer, one of those that are listed.
@@ -293,7 +291,7 @@ impl Messages<'_> {
                 mut file,
             } if !is_command && id == context => {
                 if file.len() + value.data.len() as u64 > MAX_FILE_BYTES {
-                    if self.is_ignored(&request) {
+                    if is_ignored(&request) {
                         let answer = Ok(Status::Success);
                         return Ok(self.ignore(request, context, answer, value.is_last));
                     }
@@ -469,7 +467,7 @@ impl Messages<'_> {
         };
         let identity = match InstanceIdentity::read(&self.arrivals.cases, &file).await {
             // Nothing of it is kept, so nothing of it need be understood, unless it may be a rejection note.
-            Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
+            Err(Error::Failure(_)) if is_ignored(request) && !is_list(request) => {
                 return Ok(Status::Success);
             }
             Err(Error::Failure(why)) => {
@@ -487,10 +485,6 @@ impl Messages<'_> {
         }
         let source = ArrivalSource::CStore;
         if !identity.is_image {
-            if !self.ignores_other_objects {
-                let refusal = Refusal::ANOTHER_CLASS;
-                return Err(self.refuse(Some(identity.uids), refusal).await);
-            }
             let by = &self.event.who;
             let noted = self.arrivals.note(identity, (source, by), self.may_reject);
             return noted.await?;
@@ -514,14 +508,11 @@ impl Messages<'_> {
         }
         refusal
     }
+}
 
-    /// Whether an object is of a class of which nothing is kept.
-    fn is_ignored(&self, request: &Request) -> bool {
-        let Request::Store { object, .. } = request else {
-            return false;
-        };
-        self.ignores_other_objects && !IMAGE_CLASSES.contains(&object.sop_class_uid.as_str())
-    }
+/// Whether an object is of a class of which nothing is kept.
+fn is_ignored(request: &Request) -> bool {
+    matches!(request, Request::Store { object, .. } if !IMAGE_CLASSES.contains(&object.sop_class_uid.as_str()))
 }
 
 /// Logs for which classes an association may send nothing.

@@ -191,7 +191,7 @@ fn number(value: &[u8]) -> Option<u16> {
 }
 
 /// A UID, with the byte that makes its length even or without it.
-pub(crate) fn uid(value: &[u8]) -> Option<String> {
+fn uid(value: &[u8]) -> Option<String> {
     let text = std::str::from_utf8(value).ok()?;
     case::series::Uid::parse(text).map(|uid| uid.as_str().to_owned())
 }

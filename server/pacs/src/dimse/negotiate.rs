@@ -62,7 +62,7 @@ pub(crate) fn negotiate(
         return Err(Rejection::CallingTitle);
     }
     let proposed = request.presentation_contexts.iter();
-    let results: Vec<_> = proposed.map(|proposed| result(proposed, options)).collect();
+    let results: Vec<_> = proposed.map(result).collect();
     let accepted = request.presentation_contexts.iter().zip(&results);
     let contexts = accepted
         .filter(|(_, result)| result.reason == Reason::Acceptance)
@@ -141,10 +141,7 @@ fn is_storage(class: &str) -> bool {
 }
 
 /// The first of our transfer syntaxes that is proposed for a class that we know; any syntax of an object that is not kept.
-fn result(
-    proposed: &PresentationContextProposed,
-    options: &DimseOptions,
-) -> PresentationContextResult {
+fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
     let class = proposed.abstract_syntax.trim_end_matches('\0');
     let ours: &[&str] = match class {
         VERIFICATION => &TRANSFER_SYNTAXES[..2],
@@ -152,7 +149,6 @@ fn result(
         _ => &[],
     };
     if ours.is_empty()
-        && options.ignores_other_objects
         && is_storage(class)
         && let Some(syntax) = proposed.transfer_syntaxes.first()
     {
@@ -231,14 +227,10 @@ mod tests {
         assert_eq!(accepted.contexts.len(), TRANSFER_SYNTAXES.len() + 1);
         let others: [(&str, &[&str]); 3] = [
             (MR, &["1.2.840.10008.1.2.4.100", "1.2.840.10008.1.2.4.110"]),
-            ("1.2.840.10008.5.1.4.1.1.88.11", &["1.2.840.10008.1.2"]),
+            ("1.2.840.10008.5.1.4.1.2.2.1", &["1.2.840.10008.1.2"]),
             (MR, &["1.2.840.10008.1.2", "1.2.840.10008.1.2.1"]),
         ];
-        let strict = DimseOptions {
-            ignores_other_objects: false,
-            ..options()
-        };
-        let accepted = negotiate(&request(&others), &[peer("SENDER")], &strict).unwrap();
+        let accepted = negotiated(&request(&others)).unwrap();
         let reasons = accepted.answer.presentation_contexts.iter();
         let reasons: Vec<_> = reasons.map(|result| result.reason.clone()).collect();
         assert_eq!(
@@ -251,14 +243,13 @@ mod tests {
         );
         assert_eq!(accepted.contexts[0].transfer_syntax, "1.2.840.10008.1.2.1");
         assert_eq!(accepted.contexts[0].id, 5);
-        // Objects that are not kept may come in any syntax; what is no storage may not.
-        let others: [(&str, &[&str]); 3] = [
+        // Objects that are not kept may come in any syntax.
+        let others: [(&str, &[&str]); 2] = [
             (
                 "1.2.840.10008.5.1.4.1.1.104.1",
                 &["1.2.840.10008.1.2.4.100"],
             ),
             ("1.3.12.2.1107.5.9.1", &["1.2.840.10008.1.2"]),
-            ("1.2.840.10008.5.1.4.1.2.2.1", &["1.2.840.10008.1.2"]),
         ];
         let accepted = negotiated(&request(&others)).unwrap();
         let ids: Vec<_> = accepted.contexts.iter().map(|context| context.id).collect();

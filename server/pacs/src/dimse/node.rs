@@ -7,13 +7,15 @@ use bytes::Bytes;
 use dicom_ul::pdu::{
     AbortRQSource, AssociationAC, PDataValueType, Pdu, PresentationContextResultReason,
 };
+use imaging::dicom::write::{file_head, implicit_file};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::pki_types::ServerName;
 
-use crate::dimse::command::{self, VERIFICATION, echo_request, status_of_response, store_request};
-use crate::dimse::head::FileHead;
+use crate::dimse::command::{
+    self, ObjectName, VERIFICATION, echo_request, status_of_response, store_request,
+};
 use crate::dimse::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::dimse::options::is_aet;
 use crate::dimse::outcome::{is_stored, rejected};
@@ -156,7 +158,7 @@ impl StorageNode {
     ) -> Result<(), NodeError> {
         let class = match &operation {
             Operation::Echo => VERIFICATION,
-            Operation::Store(object) => object.head.object.sop_class_uid.as_str(),
+            Operation::Store(object) => object.name.sop_class_uid.as_str(),
         };
         let request = request_to_store(CONTEXT, class, &self.our_aet, &self.aet);
         wire.send(&Pdu::AssociationRQ(request)).await?;
@@ -178,9 +180,9 @@ impl StorageNode {
             }
             Operation::Store(object) => object.in_syntax(syntax).await?,
         };
-        let command = store_request(&object.head.object);
+        let command = store_request(&object.name);
         let command = fragments(&command, PDataValueType::Command, CONTEXT, max_length);
-        let data = fragments(object.data_set(), PDataValueType::Data, CONTEXT, max_length);
+        let data = fragments(&object.data_set, PDataValueType::Data, CONTEXT, max_length);
         for part in command.chain(data) {
             wire.send(&Pdu::PData { data: vec![part] }).await?;
         }
@@ -196,28 +198,34 @@ enum Operation {
 
 /// An object in a file.
 struct Object {
-    head: FileHead,
+    name: ObjectName,
+    transfer_syntax: String,
+    data_set: Bytes,
     file: Bytes,
 }
 
 impl Object {
     fn read(file: Bytes) -> Option<Self> {
-        let head = FileHead::read(&file)?;
-        Some(Self { head, file })
-    }
-
-    fn data_set(&self) -> &[u8] {
-        &self.file[self.head.length..]
+        let head = file_head(&file).ok()?;
+        Some(Self {
+            name: ObjectName {
+                sop_class_uid: head.sop_class_uid,
+                sop_instance_uid: head.sop_instance_uid,
+            },
+            transfer_syntax: head.transfer_syntax,
+            data_set: file.slice(head.length..),
+            file,
+        })
     }
 
     async fn in_syntax(self, syntax: &str) -> Result<Self, NodeError> {
-        if self.head.transfer_syntax == syntax {
+        if self.transfer_syntax == syntax {
             return Ok(self);
         }
         if syntax != IMPLICIT {
             return Err(NodeError::Unreadable);
         }
-        let write = move || imaging::dicom::write::implicit_file(&self.file);
+        let write = move || implicit_file(&self.file);
         let file = tokio::task::spawn_blocking(write).await;
         let file = file.map_err(|_| NodeError::Object)?;
         let file = file.map_err(|_| NodeError::Object)?;
@@ -430,13 +438,16 @@ mod tests {
         const PIXEL_DATA: dicom_object::Tag = dicom_object::Tag(0x7FE0, 0x0010);
         let file = file();
         let object = Object::read(file.clone()).unwrap();
+        for cut in [0, 100, 200, file.len() - object.data_set.len() - 1] {
+            assert!(Object::read(file.slice(..cut)).is_none(), "{cut}");
+        }
         let (sent, received) = sent_to(Node::Stores(EXPLICIT, Status::Success)).await;
         assert_eq!(sent, Ok(()));
-        assert!(received == object.data_set());
+        assert!(received == object.data_set);
         let (sent, received) = sent_to(Node::Stores(IMPLICIT, Status::Success)).await;
         assert_eq!(sent, Ok(()));
-        assert!(received != object.data_set());
-        let head = crate::dimse::head::file_head(&object.head.object, IMPLICIT);
+        assert!(received != object.data_set);
+        let head = crate::dimse::head::file_head(&object.name, IMPLICIT);
         let again = [&head[..], &received].concat();
         let values = |file: &[u8]| {
             let object = dicom_object::from_reader(file).unwrap();

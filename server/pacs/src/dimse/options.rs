@@ -29,8 +29,6 @@ pub struct DimseOptions {
     pub whole: Duration,
     /// TLS; without it, nothing is encrypted.
     pub tls: Option<ReloadedTls>,
-    /// Whether objects that are no images are accepted and not kept; otherwise they are refused.
-    pub ignores_other_objects: bool,
     pub counts: Arc<AssociationCounts>,
     /// The record of who does what.
     pub audit: Audit,
@@ -45,7 +43,6 @@ impl Default for DimseOptions {
             idle: Duration::from_secs(30),
             whole: Duration::from_secs(3600),
             tls: None,
-            ignores_other_objects: true,
             counts: Arc::default(),
             audit: Audit::default(),
         }

@@ -13,7 +13,7 @@ use hyper::body::Incoming;
 use serde_json::Value;
 
 use super::error::{BadNode, NodeError};
-use crate::multipart::MediaType;
+use crate::multipart::boundary_of;
 use http::client::{HttpClient, http_client};
 
 /// How long to wait for the head of an answer: an archive may fetch a series from a tape first.
@@ -129,7 +129,7 @@ impl WebNode {
         let answer = self.get(&path, accept).await?;
         let kind = answer.headers().get(header::CONTENT_TYPE);
         let kind = kind.and_then(|kind| MediaType::parse(kind.to_str().ok()?));
-        let boundary = kind.as_ref().and_then(|kind| kind.boundary_of(DICOM));
+        let boundary = kind.as_ref().and_then(|kind| boundary_of(kind, DICOM));
         let boundary = boundary.ok_or(NodeError::Unreadable)?.to_owned();
         Ok((boundary, answer.into_body()))
     }

@@ -2,7 +2,7 @@
 
 use axum::http::{HeaderMap, StatusCode, header};
 
-use crate::multipart::MediaType;
+use http::negotiate::{Accepted, MediaType};
 use http::problem::AppError;
 
 /// The kind of a picture.
@@ -46,13 +46,16 @@ pub(crate) fn accepted(
     are_several: bool,
 ) -> Result<Answer, AppError> {
     let ranges = match query {
-        Some(text) => parsed(ranges(text)),
-        None => accepted_ranges(headers),
+        Some(text) => Accepted::parse(text),
+        None => match Accepted::read(headers, header::ACCEPT) {
+            Accepted(none) if none.is_empty() => Accepted::parse("*/*"),
+            ranges => ranges,
+        },
     };
-    let mut answers: Vec<_> = ranges
-        .into_iter()
-        .filter_map(|range| answer(&range, are_several))
-        .collect();
+    let ranges = ranges.0.into_iter();
+    let answers =
+        ranges.filter_map(|(range, quality)| Some((quality, answer(&range, are_several)?)));
+    let mut answers: Vec<_> = answers.collect();
     // The greatest quality first, and of equal ones the first.
     answers.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     match answers.first() {
@@ -65,59 +68,20 @@ pub(crate) fn accepted(
     }
 }
 
-/// The media ranges that a client accepts: all, if it names none.
-pub(crate) fn accepted_ranges(headers: &HeaderMap) -> Vec<MediaType> {
-    let lines = headers.get_all(header::ACCEPT).iter();
-    let text = lines.filter_map(|line| line.to_str().ok());
-    let text = text.collect::<Vec<_>>().join(",");
-    let mut ranges = ranges(&text);
-    if ranges.is_empty() {
-        ranges.push("*/*");
-    }
-    parsed(ranges)
-}
-
-/// Whether one of the ranges is one of `kinds`.
-pub(crate) fn accepts(ranges: &[MediaType], kinds: &[&str]) -> bool {
-    let mut ranges = ranges.iter();
-    ranges.any(|range| kinds.contains(&&*range.essence))
-}
-
-fn parsed(ranges: Vec<&str>) -> Vec<MediaType> {
-    ranges.into_iter().filter_map(MediaType::parse).collect()
-}
-
-/// The parts of a header between commas outside of quotes.
-fn ranges(text: &str) -> Vec<&str> {
-    let mut is_quoted = false;
-    let parts = text.split(|letter| {
-        is_quoted ^= letter == '"';
-        letter == ',' && !is_quoted
-    });
-    parts
-        .map(str::trim)
-        .filter(|part| !part.is_empty())
-        .collect()
-}
-
-fn answer(parsed: &MediaType, are_several: bool) -> Option<(f64, Answer)> {
-    let quality = parsed
-        .parameter("q")
-        .map_or(Some(1.0), |q| q.parse().ok())?;
-    let is_multipart = parsed.essence == "multipart/related";
+fn answer(range: &MediaType, are_several: bool) -> Option<Answer> {
+    let is_multipart = range.essence == "multipart/related";
     let kind = match is_multipart {
-        true => Kind::accepted_by(parsed.parameter("type").unwrap_or("*/*"))?,
-        false => Kind::accepted_by(&parsed.essence)?,
+        true => Kind::accepted_by(range.parameter("type").unwrap_or("*/*"))?,
+        false => Kind::accepted_by(&range.essence)?,
     };
-    let is_any = parsed.essence == "*/*";
+    let is_any = range.essence == "*/*";
     if are_several && !is_multipart && !is_any {
         return None;
     }
-    let answer = Answer {
+    Some(Answer {
         kind,
         is_multipart: is_multipart || are_several,
-    };
-    Some((quality, answer))
+    })
 }
 
 #[cfg(test)]

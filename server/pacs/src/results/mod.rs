@@ -22,10 +22,10 @@ use utoipa::ToSchema;
 use self::compose::Composer;
 use self::request::ResultRequest;
 use crate::error::ReasonView;
-use crate::rendered::media::{accepted_ranges, accepts};
 use crate::state::Pacs;
 use crate::values::{NewResult, NotValid, SentResult};
 use http::fresh::{fresh_json, made_at};
+use http::negotiate::media_type;
 use http::problem::AppError;
 use http::sent::json_body;
 
@@ -169,25 +169,14 @@ async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, A
 
 /// Whether the client accepts PNG rather than an object.
 fn wants_picture(headers: &HeaderMap) -> Result<bool, AppError> {
-    let ranges = accepted_ranges(headers);
     // The answer to a request that names a node is JSON.
-    let ours = [
+    let offered = &[
         "application/dicom",
         "application/json",
         "application/dicom+json",
-        "application/*",
-        "*/*",
-    ];
-    if accepts(&ranges, &ours) {
-        return Ok(false);
-    }
-    if accepts(&ranges, &["image/png", "image/*"]) {
-        return Ok(true);
-    }
-    Err(AppError::not_acceptable(&[
-        "application/dicom",
         "image/png",
-    ]))
+    ];
+    Ok(media_type(headers, offered)? == "image/png")
 }
 
 /// The answer with a preview. Captions may be patient data.

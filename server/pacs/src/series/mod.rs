@@ -109,7 +109,7 @@ impl Arrivals {
     /// Of the images with one UID, the last one counts. What was made of another one before it is closed.
     ///
     /// # Errors
-    /// An error of the store, such as [`Error::StorageFull`]; nothing is acknowledged then.
+    /// An error of the store, such as a full disk; nothing is acknowledged then.
     pub(crate) async fn receive(
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,

@@ -150,7 +150,6 @@ impl Arrivals {
             }
             Err(Error::Failure(failure)) => Err(Failed::ForNow(failure)),
             Err(Error::Store(error)) => Err(error.into()),
-            Err(Error::SourceMissing) => Err(StoreError::SourceMissing.into()),
             Err(error) => {
                 tracing::warn!(%error, "a series cannot be read now");
                 let detail = "the server could not read the series";
@@ -229,7 +228,7 @@ impl Arrivals {
     /// Copies the images of a series; `false` if one is damaged.
     ///
     /// # Errors
-    /// [`Error::SourceMissing`] if one is missing, or an error of the store.
+    /// [`StoreError::SourceMissing`] if one is missing, or an error of the store.
     async fn copy_images(&self, due: &DueSeries, directory: &TempDir) -> Result<bool, Error> {
         let images: Vec<_> = due.images.iter().map(|image| image.object).collect();
         if copy_objects(self.cases.store(), &images, directory).await? {
@@ -238,7 +237,7 @@ impl Arrivals {
         for image in &images {
             if let Err(Unreadable::Missing) = self.cases.store().object(image).await {
                 self.cases.store().signals().count(Count::MissingSource);
-                return Err(Error::SourceMissing);
+                return Err(StoreError::SourceMissing.into());
             }
         }
         Ok(false)
@@ -295,7 +294,7 @@ impl Arrivals {
                     .await?;
                 Outcome::Layer(case)
             }
-            Err(Error::TooManyLayers) => Outcome::Nothing(Failure::unusable(
+            Err(Error::Store(StoreError::TooManyLayers)) => Outcome::Nothing(Failure::unusable(
                 "too-many-layers",
                 "the case of the study has as many layers as it may have",
             )),

@@ -290,7 +290,10 @@ async fn a_layer_waits_for_its_source_and_one_that_is_ready_stays_so() {
     damage(&object_files(directory.path(), ObjectKind::Layer)[0], 2);
     std::fs::rename(&there, &moved).unwrap();
     let drawn = library.layer_voxels(&row).await;
-    assert!(matches!(drawn, Err(Error::SourceMissing)));
+    assert!(matches!(
+        drawn,
+        Err(Error::Store(StoreError::SourceMissing))
+    ));
     assert_eq!(layer(&library, &case, &id).await.state, CaseState::Ready);
     std::fs::rename(&moved, &there).unwrap();
     let drawn = library.layer_voxels(&row).await;

@@ -25,7 +25,7 @@ pub use key_object::{KeyObjectTitle, Listed, key_object};
 pub use measurement_report::measurement_report;
 pub use picture::{Laterality, Picture, picture};
 pub use segmentation::{About, Algorithm, Property, Segment, segmentation};
-pub use syntax::implicit_file;
+pub use syntax::{FileHead, file_head, implicit_file};
 pub use uid::uid_of;
 
 /// The class of a picture.

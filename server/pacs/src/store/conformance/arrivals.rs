@@ -362,7 +362,7 @@ pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
 
 pub(crate) async fn what_is_refused_is_counted_and_makes_few_rows(subject: &Subject) {
     let store = &subject.store;
-    let refusal = Refusal::ANOTHER_CLASS;
+    let refusal = Refusal::NOT_BETTER;
     let source = ArrivalSource::CStore;
     let refuse = async |number| {
         let uids = series(number);
