@@ -202,11 +202,8 @@ fn squared_length([x, y, z]: [i32; 3]) -> u32 {
 
 /// Also marks voxels as stranded if their path ends at a stranded one, and lists all of them.
 fn take_stranded(forest: &mut Forest, distance: &DistanceMap) -> Vec<u32> {
-    let codes = forest.predecessor.par_iter().enumerate();
-    let mut stranded: Vec<u32> = codes
-        .filter(|&(_, &code)| code == STRANDED)
-        .map(|(index, _)| index as u32)
-        .collect();
+    let stranded = memchr::memchr_iter(STRANDED, &forest.predecessor);
+    let mut stranded: Vec<_> = stranded.map(|index| index as u32).collect();
     let offsets = neighbour_offsets(forest.size);
     let mut next = 0;
     while let Some(&voxel) = stranded.get(next) {

@@ -64,7 +64,7 @@ impl<'a> NiftiFile<'a> {
         let mut buffer = [0; LONGEST_HEADER];
         let (start, rest) = buffer.split_at_mut(4);
         let started = source.fill(start)?;
-        let length = header_length(&start[..started]).ok_or(ImagingError::NotNifti {
+        let length = header_length(&start[..started]).ok_or_else(|| ImagingError::NotNifti {
             found: recognised(bytes),
         })?;
         let followed = source.fill(&mut rest[..length - 4])?;

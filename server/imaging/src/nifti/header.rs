@@ -36,7 +36,7 @@ pub(crate) struct Scaling {
 impl Header {
     /// Reads a header from its bytes; [`header_length`](super::start::header_length) states how many there must be.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, ImagingError> {
-        let (version, order) = kind(bytes).ok_or(ImagingError::NotNifti {
+        let (version, order) = kind(bytes).ok_or_else(|| ImagingError::NotNifti {
             found: recognised(bytes),
         })?;
         check_magic(version, bytes)?;
