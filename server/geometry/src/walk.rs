@@ -122,17 +122,21 @@ impl<'a> Walker<'a> {
     fn nearest_inside(&self, position: Vec3) -> usize {
         let grid = self.distance.grid();
         let base = position.floor();
-        let corner = |i: u8| Vec3::new(f32::from(i & 1), f32::from(i >> 1 & 1), f32::from(i >> 2));
-        let corners = (0..8).map(|i| base + corner(i)).filter_map(|corner| {
+        let mut nearest = (f32::INFINITY, self.distance.deepest());
+        for i in 0..8u8 {
+            let corner =
+                base + Vec3::new(f32::from(i & 1), f32::from(i >> 1 & 1), f32::from(i >> 2));
             let place = corner
                 .max(Vec3::ZERO)
                 .to_array()
                 .map(|place| place as usize);
             let voxel = [0, 1, 2].map(|axis| place[axis].min(grid.size()[axis] - 1));
             let index = grid.index(voxel);
-            self.distance.inside()[index].then(|| (corner.distance_squared(position), index))
-        });
-        let nearest = corners.min_by(|a, b| a.0.total_cmp(&b.0));
-        nearest.map_or(self.distance.deepest(), |(_, index)| index)
+            let distance = corner.distance_squared(position);
+            if self.distance.inside()[index] && distance < nearest.0 {
+                nearest = (distance, index);
+            }
+        }
+        nearest.1
     }
 }
