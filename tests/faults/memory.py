@@ -75,7 +75,9 @@ def main():
             write(asked.plot, rows)
             if asked.minutes and time.monotonic() - started > 60 * asked.minutes:
                 break
-        # Maps are still being made.
+        # Maps are still being made, for minutes on a busy machine.
+        while "isocortex_oldest_job_seconds{" in server.ask("GET", "/metrics")[2].decode():
+            time.sleep(1)
         for _ in range(30):
             time.sleep(1)
             last_mb = memory_mb(server.process.pid)

@@ -15,6 +15,7 @@ use serde_json::Value;
 use super::error::{BadNode, NodeError};
 use crate::multipart::boundary_of;
 use http::client::{HttpClient, http_client};
+use http::negotiate::MediaType;
 
 /// How long to wait for the head of an answer: an archive may fetch a series from a tape first.
 const ANSWER: Duration = Duration::from_secs(120);
