@@ -366,7 +366,7 @@ impl Library {
             Ok(derived) => {
                 let framed = frame_all(derived.objects).await?;
                 self.store()
-                    .publish(Publisher::Ready(id.into()), &framed)
+                    .publish(Publisher::Ready(id.into()), framed)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
                 tracing::warn!(

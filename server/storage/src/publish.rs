@@ -18,12 +18,12 @@ use super::{ObjectName, Store, StoreError};
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 
 /// Who publishes derived objects.
-#[derive(Debug, Clone, Copy)]
-pub enum Publisher<'a> {
+#[derive(Debug, Clone)]
+pub enum Publisher {
     /// The preparation of a case, which then has these facts, and these kinds of jobs next.
-    Case(&'a Claim, &'a CaseFacts, &'a [JobKind]),
+    Case(Claim, Box<CaseFacts>, &'static [JobKind]),
     /// The preparation of a layer.
-    Layer(&'a Claim, &'a LayerFacts),
+    Layer(Claim, Box<LayerFacts>),
     /// Whoever computes objects of a case or a layer that is ready, for the first time or again.
     Ready(Owner),
 }
@@ -212,13 +212,22 @@ impl Store {
     }
 
     /// Makes derived objects durable, then publishes them in one transaction, which ends the job that made them. Leaves nothing behind if
-    /// that fails.
+    /// that fails. The operation completes even if the caller drops the future, as a worker does whose case is deleted.
     ///
     /// # Errors
     /// If the store cannot be reached.
     pub async fn publish(
         &self,
-        publisher: Publisher<'_>,
+        publisher: Publisher,
+        derived: Vec<Framed>,
+    ) -> Result<Published, StoreError> {
+        let store = self.clone();
+        tokio::spawn(async move { store.publish_now(&publisher, &derived).await }).await?
+    }
+
+    async fn publish_now(
+        &self,
+        publisher: &Publisher,
         derived: &[Framed],
     ) -> Result<Published, StoreError> {
         let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
@@ -230,7 +239,7 @@ impl Store {
                 Publisher::Layer(claim, facts) => {
                     self.make_layer_ready(claim, &pinned, facts).await
                 }
-                Publisher::Ready(owner) => self.refer(owner, &pinned, true).await,
+                Publisher::Ready(owner) => self.refer(*owner, &pinned, true).await,
             }
         };
         let published = self.with_pinned(&objects, publish).await?;

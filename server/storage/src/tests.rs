@@ -50,11 +50,11 @@ async fn submit(store: &Store, volume: &'static str) -> Result<Submitted, StoreE
 }
 
 /// Publishes the derived objects of a case whose volume this is.
-async fn publish(store: &Store, publisher: Publisher<'_>, volume: &str) {
+async fn publish(store: &Store, publisher: Publisher, volume: &str) {
     let payload = |kind: ObjectKind| Bytes::from(format!("{} of {volume}", kind.name()));
     let objects = ObjectKind::DERIVED.map(|kind| (kind, payload(kind)));
     let framed = frame_all(objects.into()).await.unwrap();
-    let published = store.publish(publisher, &framed).await;
+    let published = store.publish(publisher, framed).await;
     assert_eq!(published.unwrap(), Published::Done);
 }
 
@@ -63,7 +63,7 @@ async fn ready(store: &Store, volume: &'static str) -> CaseId {
     let id = submit(store, volume).await.unwrap().case.id;
     let claim = claim(store).await.unwrap();
     assert_eq!(claim.case, Some(id));
-    publish(store, Publisher::Case(&claim, &facts(), &[]), volume).await;
+    publish(store, Publisher::Case(claim, facts().into(), &[]), volume).await;
     id
 }
 

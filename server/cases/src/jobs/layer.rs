@@ -51,8 +51,8 @@ impl Work for PrepareLayer {
             Failed::Forever(failure)
         })?;
         let framed = frame_all(vec![(ObjectKind::Layer, payload)]).await?;
-        let publisher = Publisher::Layer(&job.claim, &facts);
-        let published = store.publish(publisher, &framed).await?;
+        let publisher = Publisher::Layer(job.claim.clone(), Box::new(facts.clone()));
+        let published = store.publish(publisher, framed).await?;
         if published == Published::Done {
             store.signals().count(Count::Prepared);
             let placement = &facts.placement;

@@ -39,12 +39,12 @@ impl Work for PrepareCase {
         job.report(&storing);
         store.signals().progress(&id, Some(storing));
         let framed = frame_all(derived.objects).await?;
-        let next: &[JobKind] = match self.0.makes_maps() {
+        let next: &'static [JobKind] = match self.0.makes_maps() {
             true => &[JobKind::MAPS],
             false => &[],
         };
-        let publisher = Publisher::Case(&job.claim, &derived.facts, next);
-        match store.publish(publisher, &framed).await? {
+        let publisher = Publisher::Case(job.claim.clone(), Box::new(derived.facts.clone()), next);
+        match store.publish(publisher, framed).await? {
             Published::Done => {
                 store.signals().count(Count::Prepared);
                 tracing::info!(job = job.claim.fence, case = id.short(), "a case is ready");

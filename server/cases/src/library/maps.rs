@@ -230,7 +230,7 @@ impl Library {
         };
         let framed = frame_all(payloads).await?;
         let publisher = Publisher::Ready(owner);
-        self.store().publish(publisher, &framed).await?;
+        self.store().publish(publisher, framed).await?;
         self.note_places(owner, &maps).await;
         self.cache().drop_part(id, Part::Maps(owner.layer));
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);

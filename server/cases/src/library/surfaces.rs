@@ -121,7 +121,7 @@ impl Library {
         };
         let framed = frame_all(vec![(ObjectKind::Surfaces, payload.into())]).await?;
         let publisher = Publisher::Ready(id.into());
-        self.store().publish(publisher, &framed).await?;
+        self.store().publish(publisher, framed).await?;
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
             took_ms,

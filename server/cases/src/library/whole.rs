@@ -56,7 +56,7 @@ impl Library {
         })?;
         let framed = frame_all(vec![(ObjectKind::WholeVolume, payload)]).await?;
         let publisher = Publisher::Ready(id.into());
-        self.store().publish(publisher, &framed).await?;
+        self.store().publish(publisher, framed).await?;
         Ok(Some(volume))
     }
 }

@@ -18,16 +18,32 @@ async fn a_worker_without_its_lease_publishes_nothing() {
     assert!(store.release(&claim, &handed_back).await.unwrap());
     let objects = vec![(ObjectKind::Volume, Bytes::from_static(b"volume"))];
     let framed = frame_all(objects).await.unwrap();
-    let facts = facts();
     for publisher in [
-        Publisher::Case(&claim, &facts, &[]),
+        Publisher::Case(claim, facts().into(), &[]),
         Publisher::Ready((&id).into()),
     ] {
-        let published = store.publish(publisher, &framed).await;
+        let published = store.publish(publisher.clone(), framed.clone()).await;
         assert_eq!(published.unwrap(), Published::Fenced, "{publisher:?}");
         let case = store.case(&id).await.unwrap().unwrap();
         assert_eq!((case.state, case.facts), (CaseState::Queued, None));
         assert_nothing_left_over(&store, directory.path()).await;
+    }
+}
+
+// A worker drops it when it hears that the case was deleted: what is half done would stay for as long as pins last.
+#[tokio::test]
+async fn what_is_published_comes_to_its_end_without_its_caller() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let id = submit(&store, "volume").await.unwrap().case.id;
+    let claim = claim(&store).await.unwrap();
+    let objects = vec![(ObjectKind::Volume, Bytes::from_static(b"volume"))];
+    let framed = frame_all(objects).await.unwrap();
+    let publisher = Publisher::Case(claim, facts().into(), &[]);
+    let begun = tokio::time::timeout(Duration::ZERO, store.publish(publisher, framed)).await;
+    assert!(begun.is_err(), "it was dropped before its end");
+    while store.case(&id).await.unwrap().unwrap().state != CaseState::Ready {
+        tokio::time::sleep(Duration::from_millis(10)).await;
     }
 }
 

@@ -69,7 +69,7 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     }
     library
         .store()
-        .publish(Publisher::Case(&claim, &facts(), &[]), &framed)
+        .publish(Publisher::Case(claim.clone(), facts().into(), &[]), framed)
         .await
         .unwrap();
     if step == 7 {
