@@ -1,8 +1,7 @@
 //! A store that an earlier program made is opened, and what is in it is as it was.
 //!
-//! `ISOCORTEX_WRITE_STORE=1` makes `golden/store.zip` again. Do so while 0.1.0 is not released and its tables or objects change. From
-//! then on the file stays, and each later migration has to open it. `ISOCORTEX_WRITE_GOLDEN=1` writes `golden/store.json` again, what is
-//! answered from it: look at what changes before it is committed.
+//! `golden/store.zip` is a store of 0.1.0, and stays: each later migration has to open it. `ISOCORTEX_WRITE_STORE=1` has made it.
+//! `ISOCORTEX_WRITE_GOLDEN=1` writes `golden/store.json` again, what is answered from it: look at what changes before it is committed.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Write as _};
