@@ -101,7 +101,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
             Err(_) if args.listen.is_none() => Server::start(&on_any_port(config)).await?,
             started => started?,
         };
-        let Some(server) = server else {
+        let Some((server, _)) = server else {
             return Ok(());
         };
         let sample = sample(args, server.state.cases.library.has_network())?;

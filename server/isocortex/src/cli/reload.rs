@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime};
 
 use access::auth::Access;
 use http::tls::{ListeningTls, ReloadedTls};
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::Signal;
 
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, ConfigError};
@@ -13,8 +13,10 @@ use crate::config::{Config, ConfigError};
 /// How often the files are looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Reload {
+    /// SIGHUP, from before the server said that it listens.
+    pub(super) hangups: Signal,
     pub(super) access: Access,
     /// Of HTTP.
     pub(super) tls: Option<ReloadedTls>,
@@ -26,7 +28,7 @@ pub(super) struct Reload {
 }
 
 /// The files that are looked at.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Watched {
     /// Their states before they were last read: whatever changes afterwards is seen.
     read: Vec<Option<FileState>>,
@@ -62,13 +64,10 @@ impl Watched {
 impl Reload {
     /// Reads the files when they change, and the configuration too at each signal. What cannot be used by then stays as it was.
     pub(super) async fn at_each_signal(mut self, config: impl Fn() -> Result<Config, CliError>) {
-        let Ok(mut signals) = signal(SignalKind::hangup()) else {
-            return;
-        };
         let mut looks = tokio::time::interval(LOOK_EVERY);
         loop {
             tokio::select! {
-                signal = signals.recv() => {
+                signal = self.hangups.recv() => {
                     if signal.is_none() {
                         return;
                     }

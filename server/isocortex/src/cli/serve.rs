@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
+use tokio::signal::unix::{SignalKind, signal};
 
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
@@ -107,7 +108,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
         tracing::warn!("{warning}");
     }
     super::block_on(async {
-        let Some(server) = Server::start(&config).await? else {
+        let Some((server, reload)) = Server::start(&config).await? else {
             return Ok(());
         };
         // Of JSON, the log has the same line.
@@ -119,7 +120,7 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
             );
         }
         let args = args.clone();
-        let reloading = tokio::spawn(server.reload.clone().at_each_signal(move || args.config()));
+        let reloading = tokio::spawn(reload.at_each_signal(move || args.config()));
         server.until_stopped().await;
         reloading.abort();
         Ok(())
@@ -136,14 +137,15 @@ pub(super) struct Server {
     serving: tokio::task::JoinHandle<()>,
     /// The listener for C-STORE, if there is one.
     dimse: Option<tokio::task::JoinHandle<()>>,
-    reload: Reload,
     grace: Duration,
 }
 
 impl Server {
     /// Opens the store, binds the address, and starts workers and the server; `None` if the process is told to stop while it waits for the store.
-    pub(super) async fn start(config: &Config) -> Result<Option<Self>, CliError> {
+    pub(super) async fn start(config: &Config) -> Result<Option<(Self, Reload)>, CliError> {
         let watched = Watched::new(config);
+        let hangups = signal(SignalKind::hangup())
+            .map_err(|error| CliError::new(ExitStatus::Internal, error))?;
         config.keep_secrets();
         let tls = config.tls()?.map(ReloadedTls::new);
         let address = Some(config.http.listen);
@@ -162,6 +164,7 @@ impl Server {
         figures::add_audit(state.metrics(), state.audit());
         figures::add_end_of_tokens(state.metrics(), state.access());
         let mut reload = Reload {
+            hangups,
             access: state.access().clone(),
             tls: tls.clone(),
             dimse_tls: None,
@@ -208,7 +211,7 @@ impl Server {
         tracing::info!(%address, "listening");
         let reader = Arc::clone(&state.cases.dicom);
         tokio::spawn(tell_confinement(reader, "reads DICOM files"));
-        Ok(Some(Self {
+        let server = Self {
             arrivals: start_series_reader(pacs.arrivals().clone(), config.pacs.arrivals()),
             transfers: start_transfers(pacs),
             state,
@@ -216,9 +219,9 @@ impl Server {
             workers,
             serving,
             dimse,
-            reload,
             grace,
-        }))
+        };
+        Ok(Some((server, reload)))
     }
 
     /// Runs until the process receives a signal to stop; then finishes running requests and work within one grace, or puts work back
