@@ -135,6 +135,8 @@ impl MeshFile {
                     panic!("a mesh has two arrays");
                 };
                 assert_eq!(points.matches("NIFTI_XFORM_SCANNER_ANAT").count(), 2);
+                // A row on each line, without which nibabel reads no matrix.
+                assert!(points.contains(">\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n<"));
                 let in_scanner: Vec<[f32; 3]> = places(positions);
                 Self {
                     corners: in_scanner.iter().map(|&[x, y, z]| [-x, -y, z]).collect(),

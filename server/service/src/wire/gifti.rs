@@ -13,11 +13,11 @@ use super::Mesh;
 /// Names and values. None has a character that XML must escape.
 type MetaData<'a> = &'a [(&'a str, &'a str)];
 
-/// Positions are in scanner space already.
+/// Positions are in scanner space already. A line is a row of the matrix: so nibabel reads it.
 const COORDINATE_SYSTEM: &str = "<CoordinateSystemTransformMatrix>\n\
      <DataSpace>NIFTI_XFORM_SCANNER_ANAT</DataSpace>\n\
      <TransformedSpace>NIFTI_XFORM_SCANNER_ANAT</TransformedSpace>\n\
-     <MatrixData>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</MatrixData>\n\
+     <MatrixData>\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n</MatrixData>\n\
      </CoordinateSystemTransformMatrix>\n";
 
 /// A mesh of a surface in scanner RAS mm (`.surf.gii`). Left and front change their signs, so triangles stay counter-clockwise seen from
