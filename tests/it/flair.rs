@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use crate::dicom::reader;
 use crate::findings::put;
+use crate::interface::gifti_arrays;
 use crate::maps::{settled, until_maps, whole_head};
 use crate::series_builder::{Slice, Syntax, files};
 use crate::server::{Answer, Part, Server, form, form_type};
@@ -148,6 +149,9 @@ async fn the_newest_flair_has_a_map_that_is_listed_drawn_and_reported_and_goes_w
     assert_eq!(none["reason_code"], "no-flair", "{none}");
     let refused = server.get(&format!("{case}/candidates?map=flair")).await;
     assert_eq!(refused.problem(), "maps-undefined");
+    let values = format!("{case}/mesh?depth_mm=8&format=gifti&values=flair");
+    let refused = server.get(&values).await;
+    assert_eq!(refused.problem(), "maps-undefined");
     let address = format!("{case}/report");
     let without = server.get(&address).await;
     let text = String::from_utf8(without.body.to_vec()).unwrap();
@@ -244,6 +248,16 @@ async fn the_newest_flair_has_a_map_that_is_listed_drawn_and_reported_and_goes_w
     assert_eq!(first_place(&server, &case).await, (place, score));
     let again = server.get(&format!("{slice}&width=200&height=200")).await;
     assert_eq!(again.header("etag"), drawn.header("etag"));
+
+    // Values of vertices are revalidated: another layer may be the newest.
+    let drawn = server.get(&values).await;
+    assert_eq!(drawn.header("cache-control"), "private, no-cache");
+    let [(_, numbers)] = &gifti_arrays(&drawn.body)[..] else {
+        panic!("values are one array");
+    };
+    let is_number = |bits: &&u32| f32::from_bits(**bits).is_finite();
+    let defined = numbers.iter().filter(is_number).count();
+    assert!((1..numbers.len()).contains(&defined), "{defined}");
 
     // The map goes with its layer.
     let stored = server.stored_files().len();

@@ -1,6 +1,9 @@
 //! What a ready case answers: meshes, textures, pictures.
 
+use std::io::Read as _;
+
 use axum::http::StatusCode;
+use base64::prelude::{BASE64_STANDARD, Engine as _};
 
 use crate::head::plain_head;
 use crate::server::{Answer, Server};
@@ -46,6 +49,23 @@ async fn a_deeper_mesh_lies_within_a_shallower_one() {
         assert!(width < widest, "{depth} mm: {width} mm wide");
         widest = width;
     }
+}
+
+/// The arrays of a GIFTI file: the text around the data of each, and its numbers, of four bytes each.
+pub(crate) fn gifti_arrays(file: &[u8]) -> Vec<(String, Vec<u32>)> {
+    let text = std::str::from_utf8(file).unwrap();
+    let array = |text: &str| {
+        let (about, rest) = text.split_once("<Data>").unwrap();
+        let (data, rest) = rest.split_once("</Data>").unwrap();
+        let packed = BASE64_STANDARD.decode(data).unwrap();
+        let mut bytes = Vec::new();
+        let mut decoder = flate2::read::ZlibDecoder::new(&packed[..]);
+        decoder.read_to_end(&mut bytes).unwrap();
+        let numbers = (0..bytes.len()).step_by(4);
+        let numbers = numbers.map(|at| u32_at(&bytes, at)).collect();
+        (format!("{about}{rest}"), numbers)
+    };
+    text.split("<DataArray ").skip(1).map(array).collect()
 }
 
 /// A mesh that a file holds, its corners in LPS mm.
@@ -110,6 +130,19 @@ impl MeshFile {
                     triangles: of("f ").map(triangle).collect(),
                 }
             }
+            "model/gifti+xml" => {
+                let [(points, positions), (_, triangles)] = &gifti_arrays(file)[..] else {
+                    panic!("a mesh has two arrays");
+                };
+                assert_eq!(points.matches("NIFTI_XFORM_SCANNER_ANAT").count(), 2);
+                // A row on each line, without which nibabel reads no matrix.
+                assert!(points.contains(">\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n<"));
+                let in_scanner: Vec<[f32; 3]> = places(positions);
+                Self {
+                    corners: in_scanner.iter().map(|&[x, y, z]| [-x, -y, z]).collect(),
+                    triangles: thrice(triangles),
+                }
+            }
             _ => {
                 let end = b"end_header\n";
                 let start = file.windows(end.len()).position(|window| window == end);
@@ -166,11 +199,13 @@ impl MeshFile {
     }
 }
 
-const FILES: [&str; 4] = [
-    "model/gltf-binary",
-    "model/stl",
-    "model/obj",
-    "application/ply",
+/// The media types of files, and their names in addresses.
+const FILES: [(&str, &str); 5] = [
+    ("model/gltf-binary", "glb"),
+    ("model/stl", "stl"),
+    ("model/obj", "obj"),
+    ("application/ply", "ply"),
+    ("model/gifti+xml", "gifti"),
 ];
 
 #[tokio::test]
@@ -188,7 +223,7 @@ async fn a_solid_is_closed_and_the_same_in_every_format() {
     for depth in ["0", "4.5", "8", "21.3"] {
         let address = format!("{case}/mesh?depth_mm={depth}&solid=true");
         let mut volumes = Vec::new();
-        for media_type in FILES {
+        for (media_type, _) in FILES {
             let answer = server.get_with(&address, &[("accept", media_type)]).await;
             assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
             assert_eq!(answer.header("content-type"), media_type);
@@ -200,7 +235,7 @@ async fn a_solid_is_closed_and_the_same_in_every_format() {
             assert_eq!(file.flat().len(), 0, "{media_type} at {depth} mm");
             volumes.push((file.triangles.len(), file.volume_ml().to_bits()));
         }
-        assert_eq!(volumes, [volumes[0]; 4]);
+        assert_eq!(volumes, [volumes[0]; FILES.len()]);
         let volume_ml = f64::from_bits(volumes[0].1);
         // The voxels whose centres are inside; half of those on the surface. Up to 5 voxels of 4 mm below the envelope the isosurface is
         // smoothed, and a little smaller.
@@ -218,7 +253,7 @@ async fn a_solid_is_closed_and_the_same_in_every_format() {
     // Without a wish for a format it is the first that holds triangles.
     let address = format!("{case}/mesh?depth_mm=8&solid=true");
     let answer = server.get(&address).await;
-    assert_eq!(answer.header("content-type"), FILES[0]);
+    assert_eq!(answer.header("content-type"), FILES[0].0);
     let raw = [("accept", "application/octet-stream")];
     let refused = server.get_with(&address, &raw).await;
     assert_eq!(refused.problem(), "not-acceptable");
@@ -247,9 +282,12 @@ async fn every_format_holds_the_same_mesh_without_the_triangles_that_have_no_are
         .triangles
         .retain(|triangle| !flat.contains(triangle));
     assert!((100..500).contains(&flat.len()), "{}", flat.len());
-    for media_type in FILES {
+    for (media_type, name) in FILES {
         let answer = server.get_with(&address, &[("accept", media_type)]).await;
         assert_eq!(answer.header("content-type"), media_type);
+        let named = server.get(&format!("{address}&format={name}")).await;
+        assert_eq!(named.header("content-type"), media_type);
+        assert!(named.body == answer.body, "{name}");
         let file = MeshFile::read(media_type, &answer.body);
         // A file of STL has no numbers.
         let places = |mesh: &MeshFile| {

@@ -12,6 +12,7 @@ use glam::DVec3;
 use isocortex::config::Config;
 use serde_json::{Value, json};
 
+use crate::interface::gifti_arrays;
 use crate::server::{Answer, Server};
 use crate::until::until;
 
@@ -663,6 +664,45 @@ async fn candidates_descend_and_come_as_csv_as_well() {
 }
 
 #[tokio::test]
+async fn values_of_vertices_are_those_of_profiles_through_them() {
+    let (server, case) = ready().await;
+    let mesh = format!("{case}/mesh?depth_mm=12&contours=12&points=16");
+    let positions = server.get(&mesh).await.positions();
+    let mut points = Vec::new();
+    for [x, y, z] in positions
+        .iter()
+        .step_by(5)
+        .map(|place| place.map(f64::from))
+    {
+        let address = format!("{case}/profile?position={x},{y},{z}");
+        points.push(server.get(&address).await.json()["own"]["point"].clone());
+    }
+    for name in ["intensity", "depth", "blur", "thickness"] {
+        let address = format!("{mesh}&format=gifti&values={name}");
+        let answer = server.get(&address).await;
+        assert_eq!(answer.header("content-type"), "model/gifti+xml");
+        let file = format!("attachment; filename=\"whole-12mm.{name}.shape.gii\"");
+        assert_eq!(answer.header("content-disposition"), file);
+        let [(about, values)] = &gifti_arrays(&answer.body)[..] else {
+            panic!("{name} is one array");
+        };
+        assert!(
+            about.starts_with("Intent=\"NIFTI_INTENT_SHAPE\""),
+            "{about}"
+        );
+        assert_eq!(values.len(), positions.len());
+        let values = values.iter().map(|&bits| f32::from_bits(bits));
+        let values = values.map(|value| (!value.is_nan()).then_some(value));
+        let values: Vec<Option<f32>> = values.step_by(5).collect();
+        let key = if name == "depth" { "depth_mm" } else { name };
+        let expected = points.iter().map(|point| point[key].as_f64());
+        let expected: Vec<_> = expected.map(|value| Some(value? as f32)).collect();
+        assert_eq!(values, expected, "{name}");
+        assert!(values.iter().flatten().count() > 10, "{name}: {values:?}");
+    }
+}
+
+#[tokio::test]
 async fn a_profile_tells_how_wide_the_junction_is_on_both_sides() {
     let (server, case) = ready().await;
     let candidates = server.get(&format!("{case}/candidates")).await.json();
@@ -777,6 +817,7 @@ async fn switched_off_there_are_no_maps_and_a_stored_case_gets_them_when_it_is_o
         "layers/blur/volume",
         "render?overlay=blur",
         "slices/axial?layer=blur",
+        "mesh?format=gifti&values=thickness",
     ] {
         let answer = server.get(&format!("{case}/{route}")).await;
         assert_eq!(answer.status, StatusCode::CONFLICT, "{route}");

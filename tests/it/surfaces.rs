@@ -7,7 +7,7 @@ use cases::settings::MapsUse;
 use geometry::{Rescale, Volume};
 use glam::DVec3;
 
-use crate::interface::MeshFile;
+use crate::interface::{MeshFile, gifti_arrays};
 use crate::server::{Answer, Server};
 use crate::until::until;
 
@@ -352,6 +352,26 @@ async fn meshes_textures_facts_slices_and_profiles_are_of_the_surface_that_is_as
             text.lines().filter(|line| line.starts_with("v ")).count(),
             902
         );
+
+        // GIFTI is in RAS, and names the half.
+        let gifti = server.get(&format!("{address}&format=gifti")).await;
+        let [(points, positions), (_, triangles)] = &gifti_arrays(&gifti.body)[..] else {
+            panic!("a mesh has two arrays");
+        };
+        let rights = positions.iter().step_by(3).zip(&is_known);
+        let rights = rights.filter(|(_, is_known)| **is_known);
+        let rights: Vec<_> = rights.map(|(&bits, _)| f32::from_bits(bits)).collect();
+        assert!(rights.iter().all(|right| is_on_side(-right, surface)));
+        let middle = rights.iter().sum::<f32>() / rights.len() as f32;
+        let (name, is_there) = match surface {
+            "left" => ("CortexLeft", middle < -10.0),
+            _ => ("CortexRight", middle > 10.0),
+        };
+        assert!(is_there, "{middle}");
+        assert!(points.contains(&format!("<Value>{name}</Value>")));
+        assert_eq!(triangles.len(), 3 * kept);
+        let name = format!("attachment; filename=\"{surface}-6mm.surf.gii\"");
+        assert_eq!(gifti.header("content-disposition"), name);
 
         // A solid is closed along the fence, and states how much of it is not the depth.
         let address = format!("{case}/mesh?depth_mm=6&solid=true&surface={surface}");

@@ -2,6 +2,7 @@
 
 use case::{
     CaseId, CaseState, Contrast, Failure, Layer, LayerChange, LayerId, LayerKind, LayerParameters,
+    MapName,
 };
 use imaging::START_BYTES;
 use pipeline::layers::{LayerSource, check_layer};
@@ -11,7 +12,7 @@ use crate::application::Cases;
 use crate::dicom::{Choice, Options, SeriesSummary};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
-use crate::pictures::LayerRef;
+use crate::pictures::{ChosenLayer, LayerRef};
 
 /// A layer to be added, with its received files.
 #[derive(Debug)]
@@ -160,6 +161,18 @@ impl Cases {
             self.case(case).await?;
         }
         Ok(layers)
+    }
+
+    /// A map of a case. That of a FLAIR is another one once another layer is the newest.
+    ///
+    /// # Errors
+    /// As [`Cases::layers`].
+    pub async fn map(&self, case: &CaseId, name: MapName) -> Result<ChosenLayer, Error> {
+        let layers = match name {
+            MapName::Flair => self.layers(case).await?,
+            _ => Vec::new(),
+        };
+        Ok(ChosenLayer::of_map(name, &layers))
     }
 
     /// An uploaded layer of a case by its name or id.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use case::{CaseFacts, Gyrus, Lobe, MapName, PatientSide};
-use geometry::{DeformableModel, DepthField};
+use geometry::{DeformableModel, DepthField, Volume};
 use glam::DVec3;
 use pipeline::Undefined;
 use pipeline::atlas::Gyri;
@@ -251,11 +251,6 @@ impl Probe<'_> {
     }
 
     fn sample(&self, position: DVec3, distance_mm: f64) -> ProfileSample {
-        let volume = self.model.volume();
-        let in_volume = volume
-            .grid()
-            .voxel_from_patient()
-            .transform_point3(position);
         let value = |name| {
             self.maps
                 .and_then(|maps| maps.layer(name).value_at(position))
@@ -266,9 +261,7 @@ impl Probe<'_> {
             distance_mm,
             position_in_patient: position.to_array(),
             depth_mm: is_known.then_some(depth_mm),
-            intensity: volume
-                .sample(in_volume.as_vec3())
-                .map(|stored| volume.intensity(stored)),
+            intensity: intensity(self.model.volume(), position),
             blur: value(MapName::Blur),
             thickness: value(MapName::Thickness),
             sharpness: value(MapName::Sharpness),
@@ -298,8 +291,15 @@ impl Probe<'_> {
     }
 }
 
+/// The intensity at a position (LPS mm), trilinear; `None` outside the volume.
+pub fn intensity(volume: &Volume, position: DVec3) -> Option<f32> {
+    let voxel_from_patient = volume.grid().voxel_from_patient();
+    let voxel = voxel_from_patient.transform_point3(position).as_vec3();
+    volume.sample(voxel).map(|stored| volume.intensity(stored))
+}
+
 /// The depth at a position, negative outside.
-pub(crate) fn depth_mm(field: &DepthField, position: DVec3) -> f32 {
+pub fn depth_mm(field: &DepthField, position: DVec3) -> f32 {
     field.depth_mm(in_voxels(field, position))
 }
 

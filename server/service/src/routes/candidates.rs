@@ -14,7 +14,7 @@ use crate::routes::asked::{CasePath, Question};
 use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName, Unusual};
 use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
-use cases::pictures::{ChosenLayer, MAPS_OFF, Numbers, check_count, ready, surface_version};
+use cases::pictures::{MAPS_OFF, Numbers, check_count, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
 use http::conditional::Format;
@@ -167,12 +167,7 @@ pub async fn get_candidates(
 ) -> Result<Response, AppError> {
     let kind = media_type(&request, &[JSON, CSV])?;
     let question = Question::new(id, "candidates", &query, &request);
-    // The map of a FLAIR is another one once another layer is the newest.
-    let layers = match query.map {
-        MapAsked::Flair => cases.layers(&id).await?,
-        MapAsked::Blur | MapAsked::Thickness => Vec::new(),
-    };
-    let map = ChosenLayer::of_map(query.map.name(), &layers);
+    let map = cases.map(&id, query.map.name()).await?;
     let format = Format::of(kind)
         .variant(format!("{kind} {} {}", map.version(), cases.atlas_tag()))
         .revalidated();

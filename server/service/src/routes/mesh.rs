@@ -5,21 +5,23 @@ use std::future::ready;
 use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderName};
+use axum::http::{HeaderMap, HeaderName, header};
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{DeformableModel, DepthField, MeshSize, PathTable, ShrunkMesh};
+use geometry::{DeformableModel, MeshSize, PathTable, ShrunkMesh};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::{depth_headers, of_surface};
 use crate::routes::asked::{CasePath, Question};
 use crate::wire;
-use case::SurfaceName;
+use case::{MapName, SurfaceName};
+use cases::library::LoadedMaps;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, ShownDepth, default_count, mesh_size};
+use cases::profile;
 use http::conditional::{self, Content, Format};
 use http::negotiate::media_type;
 use http::problem::AppError;
@@ -30,9 +32,10 @@ const GLTF: &str = "model/gltf-binary";
 const STL: &str = "model/stl";
 const OBJ: &str = "model/obj";
 const PLY: &str = "application/ply";
+const GIFTI: &str = "model/gifti+xml";
 
 /// The media types of a mesh; the first is the default.
-const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY];
+const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY, GIFTI];
 
 /// Those of a solid.
 const SOLID_TYPES: &[&str] = MESH_TYPES.split_at(1).1;
@@ -66,10 +69,76 @@ pub struct MeshQuery {
     #[param(inline)]
     paths: PathKind,
     /// Whether to answer with the isosurface itself, as a closed mesh, which `renderer=trace` shows: for printing and planning. It has
-    /// no contours and no paths, and is GLB, STL, OBJ or PLY.
+    /// no contours and no paths, and is GLB, STL, OBJ, PLY or GIFTI.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     #[param(default = false)]
     solid: bool,
+    /// The format, instead of `Accept`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    format: Option<FileFormat>,
+    /// Instead of the mesh, a value of each of its vertices, as GIFTI; NaN where it is undefined or the depth is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[param(inline)]
+    values: Option<VertexValues>,
+}
+
+/// A format of complete meshes.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum FileFormat {
+    Glb,
+    Stl,
+    Obj,
+    Ply,
+    Gifti,
+}
+
+impl FileFormat {
+    fn media_type(self) -> &'static str {
+        match self {
+            Self::Glb => GLTF,
+            Self::Stl => STL,
+            Self::Obj => OBJ,
+            Self::Ply => PLY,
+            Self::Gifti => GIFTI,
+        }
+    }
+}
+
+/// What the vertices of a mesh have values of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum VertexValues {
+    /// The intensity of the native volume, interpolated.
+    Intensity,
+    /// The depth in mm: less than that of the mesh where a path ends before it.
+    Depth,
+    /// The map `blur`.
+    Blur,
+    /// The map `thickness`.
+    Thickness,
+    /// The map of the newest FLAIR among the layers.
+    Flair,
+}
+
+impl VertexValues {
+    fn map(self) -> Option<MapName> {
+        match self {
+            Self::Intensity | Self::Depth => None,
+            Self::Blur => Some(MapName::Blur),
+            Self::Thickness => Some(MapName::Thickness),
+            Self::Flair => Some(MapName::Flair),
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self.map() {
+            Some(map) => map.name(),
+            None if self == Self::Depth => "depth",
+            None => "intensity",
+        }
+    }
 }
 
 /// The triangles of a mesh.
@@ -166,7 +235,8 @@ impl Asked for PathsQuery {
 ///
 /// Depending on `Accept`: only the positions, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points
 /// contour by contour and then the two cap centres, NaN if the depth there is unknown; or a complete mesh as GLB (y up, metres),
-/// STL, OBJ or PLY (LPS mm). With `solid=true` the isosurface itself, closed, in one of these.
+/// STL, OBJ or PLY (LPS mm), or GIFTI (scanner RAS mm). With `solid=true` the isosurface itself, closed, in one of these. With `values`
+/// no mesh, but a value of each of its vertices, as GIFTI.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh", tag = "meshes",
     params(("id" = String, Path, description = "The case"), MeshQuery),
@@ -179,9 +249,9 @@ impl Asked for PathsQuery {
             ("ETag" = String, description = "A strong tag"),
         ), content(
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
-            (String = "model/obj"), (Vec<u8> = "application/ply"),
+            (String = "model/obj"), (Vec<u8> = "application/ply"), (String = "model/gifti+xml"),
         )),
-        (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
+        (status = 409, description = "The case or its maps are not ready, the maps are undefined, or the case has only the surface of the whole brain: `no-surfaces`"),
         (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
@@ -192,32 +262,134 @@ pub async fn get_mesh(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let types = if asked.solid { SOLID_TYPES } else { MESH_TYPES };
-    let format = media_type(&request, types)?;
+    let format = match asked.format {
+        Some(format) => format.media_type(),
+        None => media_type(&request, types)?,
+    };
+    if asked.values.is_some() && format != GIFTI {
+        let detail = "are written as GIFTI alone; add `format=gifti`";
+        return Err(AppError::out_of_range("values", detail));
+    }
     let question = Question::new(id, "mesh", &asked, &request);
+    let map = match asked.values.and_then(VertexValues::map) {
+        Some(name) => Some((name, cases.map(&id, name).await?)),
+        None => None,
+    };
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
-        if asked.solid {
+        let map = match &map {
+            Some((name, map)) => Some((*name, map.maps(&cases.library, &id).await?)),
+            None => None,
+        };
+        let form = Form {
+            media_type: format,
+            surface: asked.surface,
+            values: asked.values,
+            map,
+        };
+        let name = form.name(depth.mm);
+        let (body, lacking) = if asked.solid {
             let turn = cases.queue.turn().await?;
             let model = Arc::clone(model.model());
-            let work = move || encode_solid(&model, depth.mm, format);
-            let (body, lacking) = turn.run(work).await??;
-            return Ok(content(body, depth, &lacking));
-        }
-        let shrunk = model.shrink(size, asked.paths, depth.mm);
-        let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
-            // This takes microseconds, so it does not wait for a turn.
-            encode(shrunk.await?, model.model().field(), (size, format))
+            let work = move || encode_solid(&model, depth.mm, &form);
+            turn.run(work).await??
         } else {
-            let turn = cases.queue.turn().await?;
-            let (shrunk, model) = (shrunk.await?, Arc::clone(model.model()));
-            let work = move || encode(shrunk, model.field(), (size, format));
-            turn.run(work).await?
+            let shrunk = model.shrink(size, asked.paths, depth.mm);
+            if format == POSITIONS && model.has_at_hand(size, asked.paths) {
+                // This takes microseconds, so it does not wait for a turn.
+                encode(shrunk.await?, model.model(), size, &form)
+            } else {
+                let turn = cases.queue.turn().await?;
+                let (shrunk, model) = (shrunk.await?, Arc::clone(model.model()));
+                turn.run(move || encode(shrunk, &model, size, &form))
+                    .await?
+            }
         };
-        Ok(content(body, depth, &lacking))
+        let mut content = content(body, depth, &lacking);
+        if let Some(name) = name {
+            let name = format!("attachment; filename=\"{name}\"");
+            conditional::insert(&mut content.headers, header::CONTENT_DISPOSITION, &name);
+        }
+        Ok(content)
     };
-    let format = of_surface(Format::of(format), format, asked.surface);
+    let variant = match &map {
+        Some((_, map)) => format!("{format} {}", map.version()),
+        None => format.to_owned(),
+    };
+    let format = Format::of(format).variant(&variant);
+    let format = of_surface(format, &variant, asked.surface);
+    let format = if map.is_some() {
+        format.revalidated()
+    } else {
+        format
+    };
     question.answer(&cases, format, work).await
+}
+
+/// What is written of a mesh.
+struct Form {
+    media_type: &'static str,
+    surface: SurfaceName,
+    /// Of the vertices, instead of the mesh.
+    values: Option<VertexValues>,
+    /// The map that they are of.
+    map: Option<(MapName, Arc<LoadedMaps>)>,
+}
+
+impl Form {
+    /// The name of the file; programs know by its end what a GIFTI file holds.
+    fn name(&self, depth_mm: f32) -> Option<String> {
+        let surface = self.surface.name();
+        let name = match self.values {
+            None => format!("{surface}-{depth_mm}mm.surf.gii"),
+            Some(values) => format!("{surface}-{depth_mm}mm.{}.shape.gii", values.name()),
+        };
+        (self.media_type == GIFTI).then_some(name)
+    }
+
+    /// The value at a position (LPS mm) in a surface.
+    fn value(&self, of: VertexValues, model: &DeformableModel, position: DVec3) -> Option<f32> {
+        match (&self.map, of) {
+            (Some((name, maps)), _) => maps.layer(*name).value_at(position),
+            (None, VertexValues::Depth) => Some(profile::depth_mm(model.field(), position)),
+            (None, _) => profile::intensity(model.volume(), position),
+        }
+    }
+
+    /// A mesh in a surface, or values of its vertices, as a file.
+    fn file(
+        &self,
+        shrunk: &ShrunkMesh,
+        triangles: &[[u32; 3]],
+        model: &DeformableModel,
+        unknown: &[usize],
+    ) -> Bytes {
+        let mesh = wire::Mesh {
+            depth_mm: shrunk.depth_mm,
+            positions_in_patient: &shrunk.positions_in_patient,
+            triangles,
+        };
+        let file = match (self.media_type, self.values) {
+            (GLTF, _) => wire::gltf(mesh),
+            (STL, _) => wire::stl(mesh),
+            (OBJ, _) => wire::obj(mesh),
+            (PLY, _) => wire::ply(mesh),
+            (_, None) => wire::gifti(mesh, self.surface),
+            (_, Some(of)) => {
+                let value = |position: &[f32; 3]| {
+                    let position = Vec3::from_array(*position).as_dvec3();
+                    self.value(of, model, position).unwrap_or(f32::NAN)
+                };
+                let mut values: Vec<_> = mesh.positions_in_patient.iter().map(value).collect();
+                for &vertex in unknown {
+                    values[vertex] = f32::NAN;
+                }
+                wire::gifti_values(mesh, self.surface, of.name(), &values)
+            }
+        };
+        file.into()
+    }
 }
 
 /// How many vertices of a mesh have no true depth.
@@ -241,58 +413,27 @@ fn content(body: Bytes, depth: ShownDepth, lacking: &Lacking) -> Content {
     }
 }
 
+/// A mesh: its positions, or a file without the triangles that touch a vertex of unknown depth or have no area. Programs that read such
+/// files expect a position for each vertex.
 fn encode(
     mut shrunk: ShrunkMesh,
-    field: &DepthField,
-    (size, format): (MeshSize, &str),
+    model: &DeformableModel,
+    size: MeshSize,
+    form: &Form,
 ) -> (Bytes, Lacking) {
-    let unknown = shrunk.unknown_vertices(field);
+    let unknown = shrunk.unknown_vertices(model.field());
     let lacking = Lacking {
         unknown: unknown.len(),
-        shallow: shrunk.shallow_count(field),
+        shallow: shrunk.shallow_count(model.field()),
     };
-    if format == POSITIONS {
+    if form.media_type == POSITIONS {
         for vertex in unknown {
             shrunk.positions_in_patient[vertex] = [f32::NAN; 3];
         }
         return (wire::positions(&shrunk.positions_in_patient), lacking);
     }
-    (encode_file(&shrunk, &unknown, size, format), lacking)
-}
-
-/// The isosurface at a depth as a file.
-fn encode_solid(
-    model: &DeformableModel,
-    depth_mm: f32,
-    format: &str,
-) -> Result<(Bytes, Lacking), AppError> {
-    let solid = render::solid(model, depth_mm.into());
-    if solid.triangles.is_empty() {
-        let detail = "is so great that nothing is left of a solid; choose a smaller one";
-        return Err(AppError::out_of_range("depth_mm", detail));
-    }
-    let is_known = |position: &&[f32; 3]| {
-        let position = Vec3::from_array(**position).as_dvec3();
-        model.field().is_known(position, depth_mm)
-    };
-    let positions = &solid.positions_in_patient;
-    let lacking = Lacking {
-        unknown: positions.len() - positions.iter().filter(is_known).count(),
-        shallow: 0,
-    };
-    let mesh = wire::Mesh {
-        depth_mm,
-        positions_in_patient: positions,
-        triangles: &solid.triangles,
-    };
-    Ok((file(mesh, format), lacking))
-}
-
-/// A mesh as a file, without the triangles that touch a vertex of unknown depth or have no area. Programs that read such files expect
-/// a position for each vertex.
-fn encode_file(shrunk: &ShrunkMesh, unknown: &[usize], size: MeshSize, format: &str) -> Bytes {
     let mut is_known = vec![true; shrunk.positions_in_patient.len()];
-    for &vertex in unknown {
+    for &vertex in &unknown {
         is_known[vertex] = false;
     }
     let mut triangles = size.triangles();
@@ -302,22 +443,31 @@ fn encode_file(shrunk: &ShrunkMesh, unknown: &[usize], size: MeshSize, format: &
         let is_known = triangle.iter().all(|&vertex| is_known[vertex as usize]);
         is_known && (b - a).cross(c - a) != DVec3::ZERO
     });
-    let mesh = wire::Mesh {
-        depth_mm: shrunk.depth_mm,
-        positions_in_patient: &shrunk.positions_in_patient,
-        triangles: &triangles,
-    };
-    file(mesh, format)
+    (form.file(&shrunk, &triangles, model, &unknown), lacking)
 }
 
-fn file(mesh: wire::Mesh<'_>, format: &str) -> Bytes {
-    let file = match format {
-        GLTF => wire::gltf(mesh),
-        STL => wire::stl(mesh),
-        OBJ => wire::obj(mesh),
-        _ => wire::ply(mesh),
+/// The isosurface at a depth as a file.
+fn encode_solid(
+    model: &DeformableModel,
+    depth_mm: f32,
+    form: &Form,
+) -> Result<(Bytes, Lacking), AppError> {
+    let solid = render::solid(model, depth_mm.into());
+    if solid.triangles.is_empty() {
+        let detail = "is so great that nothing is left of a solid; choose a smaller one";
+        return Err(AppError::out_of_range("depth_mm", detail));
+    }
+    let vertices = ShrunkMesh {
+        depth_mm,
+        positions_in_patient: solid.positions_in_patient,
     };
-    file.into()
+    let unknown = vertices.unknown_vertices(model.field());
+    let lacking = Lacking {
+        unknown: unknown.len(),
+        shallow: 0,
+    };
+    let file = form.file(&vertices, &solid.triangles, model, &unknown);
+    Ok((file, lacking))
 }
 
 /// The triangles of every mesh of a size

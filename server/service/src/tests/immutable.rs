@@ -290,6 +290,7 @@ async fn a_mesh_comes_in_the_form_that_is_liked_best() {
         ("model/gltf-binary", "model/gltf-binary", b"glTF"),
         ("model/stl;q=0.5, model/obj", "model/obj", b"#"),
         ("application/ply, */*;q=0.1", "application/ply", b"ply\n"),
+        ("model/gifti+xml", "model/gifti+xml", b"<?xml"),
     ] {
         let answer = server.get_with(&address, &[("accept", accepted)]).await;
         assert_eq!(answer.header("content-type"), kind, "{accepted}");
@@ -298,7 +299,7 @@ async fn a_mesh_comes_in_the_form_that_is_liked_best() {
     }
     tags.sort();
     tags.dedup();
-    assert_eq!(tags.len(), 4, "the same form has the same tag");
+    assert_eq!(tags.len(), 5, "the same form has the same tag");
 }
 
 #[tokio::test]

@@ -1,5 +1,6 @@
 #![doc = include_str!("README.md")]
 
+mod gifti;
 mod gltf;
 mod obj;
 mod paths;
@@ -9,6 +10,7 @@ mod texture;
 
 use bytes::Bytes;
 
+pub use gifti::{gifti, gifti_values};
 pub use gltf::gltf;
 pub use obj::obj;
 pub use paths::{Astray, paths};

@@ -25,8 +25,7 @@ use http::query::{ApiQuery, NoQuery};
 /// The layer that the path names.
 async fn chosen(cases: &Cases, id: &CaseId, path: &RawPathParams) -> Result<ChosenLayer, AppError> {
     Ok(match map_of(path) {
-        Some(MapName::Flair) => ChosenLayer::of_map(MapName::Flair, &cases.layers(id).await?),
-        Some(name) => ChosenLayer::of_map(name, &[]),
+        Some(name) => cases.map(id, name).await?,
         None => ChosenLayer::Layer(Arc::new(cases.layer(id, &layer_of(path)?).await?)),
     })
 }
