@@ -75,6 +75,10 @@ def skip(why):
     sys.exit(77)
 
 
+# As the unit and the image set it.
+ALLOCATOR = {"MALLOC_ARENA_MAX": "2", "MALLOC_MMAP_THRESHOLD_": "1048576", "MALLOC_TRIM_THRESHOLD_": "1048576"}
+
+
 class Server:
     """A server of its own for an attack. `with Server() as server:` ends it."""
 
@@ -109,7 +113,7 @@ class Server:
     def start(self):
         command = [*self.before, self.program(), "serve", "--config", self.settings, "--data", self.data]
         command += ["--listen", self.listen, "--gpu", "off"]
-        environment = {"PATH": os.environ.get("PATH", ""), "ISOCORTEX_LOG": "debug", "ISOCORTEX_CREATE": "true", **self.environment}
+        environment = {"PATH": os.environ.get("PATH", ""), "ISOCORTEX_LOG": "debug", "ISOCORTEX_CREATE": "true", **ALLOCATOR, **self.environment}
         with open(self.log_file, "ab") as log:
             self.process = subprocess.Popen(
                 command + self.arguments, env=environment, stdout=subprocess.PIPE, stderr=log

@@ -58,8 +58,8 @@ def main():
     others = {"mask": read(asked.mask)} if asked.mask else {}
     allowed_mb = asked.cache * MIB / 1e6 + BESIDE_CACHE_MB
     rows, started = [], time.monotonic()
-    # As the unit and the image have it, or to compare allocators.
-    of_allocators = {"MALLOC_ARENA_MAX": "2"} | {name: value for name, value in os.environ.items() if name.startswith(("MALLOC_", "LD_PRELOAD"))}
+    # To compare allocators.
+    of_allocators = {name: value for name, value in os.environ.items() if name.startswith(("MALLOC_", "LD_PRELOAD"))}
     settings = f"[render]\ncache_bytes = {asked.cache * MIB}\n"
     network = ["--network", asked.network] if asked.network else []
     environment = {"ISOCORTEX_LOG": "warn", **of_allocators}
