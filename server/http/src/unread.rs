@@ -1,4 +1,4 @@
-//! Requests whose body is not read to its end.
+//! Refusals that come before the body of the request was read to its end.
 
 use std::pin::Pin;
 use std::sync::Arc;

@@ -35,7 +35,7 @@ pub enum MultipartError {
     BadHeader,
 }
 
-/// The boundary of `multipart/related` whose parts are of a kind.
+/// The boundary of a body that is `multipart/related` and has parts of this kind; `None` for any other body.
 pub fn boundary_of<'a>(body: &'a MediaType, kind: &str) -> Option<&'a str> {
     let of_kind = body
         .parameter("type")

@@ -212,7 +212,7 @@ impl Store {
     }
 
     /// Makes derived objects durable, then publishes them in one transaction, which ends the job that made them. Leaves nothing behind if
-    /// that fails. The operation completes even if the caller drops the future, as a worker does whose case is deleted.
+    /// that fails. The operation completes even if the caller drops the future: a worker does so when its case is deleted.
     ///
     /// # Errors
     /// If the store cannot be reached.

@@ -133,10 +133,12 @@ impl VertexValues {
     }
 
     fn name(self) -> &'static str {
-        match self.map() {
-            Some(map) => map.name(),
-            None if self == Self::Depth => "depth",
-            None => "intensity",
+        match self {
+            Self::Intensity => "intensity",
+            Self::Depth => "depth",
+            Self::Blur => MapName::Blur.name(),
+            Self::Thickness => MapName::Thickness.name(),
+            Self::Flair => MapName::Flair.name(),
         }
     }
 }

@@ -42,9 +42,8 @@ async fn what_is_published_comes_to_its_end_without_its_caller() {
     let publisher = Publisher::Case(claim, facts().into(), &[]);
     let begun = tokio::time::timeout(Duration::ZERO, store.publish(publisher, framed)).await;
     assert!(begun.is_err(), "it was dropped before its end");
-    while store.case(&id).await.unwrap().unwrap().state != CaseState::Ready {
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
+    let mut watch = store.subscribe(&id);
+    while watch.next().await.unwrap().unwrap().state != CaseState::Ready {}
 }
 
 #[tokio::test]
