@@ -69,6 +69,9 @@ rust_tests() {
   fi
 }
 
+# The example of each crate's README.
+documentation_tests() { cargo test --locked --doc --no-fail-fast; }
+
 lab_trial() {
   if have cargo-nextest; then
     lab_cargo nextest run --locked --profile default --retries "$retries" --test trial
@@ -179,12 +182,12 @@ step "page's size" node web/sizes.mjs
 if [ "$mode" = fast ]; then
   export NEXTEST_PROFILE=fast
   step "unit tests" rust_tests --lib --bins
+  step "documentation tests" documentation_tests
 else
   # Building the tests and the program in one go gives both the same features.
   step build cargo build --locked --bins --tests
   step tests rust_tests --lib --bins --tests
-  # The example of each crate's README.
-  step "documentation tests" cargo test --locked --doc --no-fail-fast
+  step "documentation tests" documentation_tests
   step "laboratory's trial" lab_trial
   if [ "${CI:-}" = true ] || [ -n "$python" ]; then
     step "Python package" python_tests
