@@ -783,6 +783,12 @@ test("a case in the trash comes back, or is deleted after a confirmation", { ski
   const status = async (): Promise<number> => (await fetch(new URL(`v1/cases/${id}`, server.address))).status;
   await item.locator(".icon-button").click();
   await item.waitFor({ state: "detached" });
+  // A link still opens it, and states where it is.
+  await page.evaluate((of) => (location.hash = of ?? ""), id);
+  await page.locator("#in-trash button").click();
+  await page.locator("#in-trash").waitFor({ state: "detached" });
+  await item.locator(".icon-button").click();
+  await page.locator("#in-trash").waitFor();
   await page.locator("#case-status").selectOption("trash");
   await item.waitFor();
   await item.getByRole("button", { name: /out of the trash/ }).click();

@@ -108,7 +108,7 @@ pub enum StoreError {
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The disk failed.
-    #[error("the disk of the store failed")]
+    #[error("the disk of the store cannot be read or written")]
     Disk(#[from] std::io::Error),
     /// A task of the store was stopped: the process is shutting down, or there is an internal error.
     #[error("the store stopped during the operation")]
@@ -436,7 +436,7 @@ mod tests {
     fn the_sentences_name_no_cause_and_what_can_be_done() {
         let canary = || std::io::Error::other("/home/CANARY");
         for (error, words) in [
-            (StoreError::from(canary()), "the disk of the store failed"),
+            (StoreError::from(canary()), "the disk of the store cannot be read or written"),
             (
                 sqlx::Error::Io(canary()).into(),
                 "the database of the store failed",

@@ -196,6 +196,12 @@ function Stage({ app }: OfApp) {
           {t(`closed.${closed}.text`)}
         </p>
       )}
+      {chosen?.trashed && (
+        <p class="notice-line" id="in-trash" role="note">
+          {t("trash.open")}{" "}
+          {mayWrite.value && <Button onClick={() => void app.trash(chosen, false)}>{t("trash.take-out")}</Button>}
+        </p>
+      )}
       {viewer && <Verdict viewer={viewer} />}
       <p
         id="case-note"

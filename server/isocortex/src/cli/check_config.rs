@@ -38,10 +38,10 @@ pub(super) fn run(args: &CheckConfigArgs) -> Result<(), CliError> {
     for line in checked.lines {
         println!("{line}");
     }
+    println!("the configuration is valid");
     println!("before real patients:");
     for point in before_patients::points(&config)? {
         println!("  {point}");
     }
-    println!("the configuration is valid");
     Ok(())
 }

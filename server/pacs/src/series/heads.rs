@@ -73,9 +73,14 @@ impl Head {
             .or_else(|| joined("SeriesDate", "SeriesTime"))
     }
 
+    /// Whether it is opened only if there is nothing else: it failed, or somebody put it into the trash.
+    fn is_set_aside(&self) -> bool {
+        self.case.state == CaseState::Failed || self.case.trashed
+    }
+
     /// Sorts heads as a link prefers them: original before derived, without a contrast agent before with one, finer
     /// before coarser, then the earlier acquisition. When they came does not count, so that the same link opens the same
-    /// head. A case whose voxels are not known yet may turn out to be the finest, and a failed one comes last.
+    /// head. A case whose voxels are not known yet may turn out to be the finest. What failed or is in the trash comes last.
     fn rank(&self) -> impl Ord + use<> {
         let volume_mm3: f64 = self.voxel_mm().map_or(0.0, |sides| sides.iter().product());
         // Voxels of one protocol differ by rounding errors.
@@ -90,9 +95,8 @@ impl Head {
             number,
             self.series.uids.clone(),
         );
-        let is_failed = self.case.state == CaseState::Failed;
         (
-            is_failed,
+            self.is_set_aside(),
             self.is_derived(),
             self.has_contrast(),
             volume,
@@ -101,12 +105,11 @@ impl Head {
     }
 }
 
-/// The version of each series and patient that counts: the one with most images, then the newest, and those that failed last. They come
+/// The version of each series and patient that counts: the one with most images, then the newest, and what failed or is in the trash last. They come
 /// newest first; of the same images, what can be seen is preferred. A damaged source states no patient, so it is a version of nothing else.
 fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
-    let is_failed = |head: &Head| head.case.state == CaseState::Failed;
     let is_ready = |head: &Head| head.case.state == CaseState::Ready;
-    versions.sort_by_key(|head| (is_failed(head), Reverse(head.images), !is_ready(head)));
+    versions.sort_by_key(|head| (head.is_set_aside(), Reverse(head.images), !is_ready(head)));
     let mut seen: Vec<(SeriesUids, Option<Patient>)> = Vec::new();
     versions.retain(|head| {
         let version_of = (head.series.uids.clone(), head.patient());
@@ -120,7 +123,7 @@ fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
 }
 
 impl Arrivals {
-    /// The heads that a query finds, the preferred one first, those that failed last. Of each series and patient this is the open case with
+    /// The heads that a query finds, the preferred one first, what failed or is in the trash last. Of each series and patient this is the open case with
     /// most images, then the newest. Closed ones do not count, even if nothing else is left.
     ///
     /// # Errors
@@ -255,6 +258,12 @@ mod tests {
         // Another mask of the same images.
         assert_eq!(counts(&[(2, Preparing, 10), (1, Ready, 10)]), 1);
         assert_eq!(counts(&[(2, Failed, 12), (1, Preparing, 10)]), 1);
+        let mut in_trash = version(2, Ready, 12);
+        in_trash.case.trashed = true;
+        let [head] = &one_of_each_series(vec![in_trash, version(1, Preparing, 10)])[..] else {
+            panic!("one series has one version that counts");
+        };
+        assert!(!head.case.trashed);
         let mut of_another = version(2, Ready, 10);
         of_another.attributes[0].1 = "B".to_owned();
         let both = one_of_each_series(vec![of_another, version(1, Ready, 10)]);

@@ -10,7 +10,7 @@ pub enum ObjectError {
     #[error("the object store failed")]
     Store(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The disk failed.
-    #[error("the disk of the store failed")]
+    #[error("the disk of the store cannot be read or written")]
     Disk(#[from] std::io::Error),
     /// A task was stopped: the process is shutting down, or there is an internal error.
     #[error("the store stopped during the operation")]
