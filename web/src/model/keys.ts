@@ -102,6 +102,8 @@ export const BINDINGS = [
   ),
   plain("judge", { K: { kind: "judge", judgement: "kept" }, D: { kind: "judge", judgement: "dismissed" } }),
   plain("layers", { l: { kind: "grey" }, c: { kind: "colours" } }),
+  plain("series", { N: { kind: "series" }, E: { kind: "strip" } }),
+  plain("plane", { T: { kind: "plane" } }),
   plain("blink", { b: { kind: "hold" } }),
   plain("swipe", { v: { kind: "swipe" } }),
   plain("edges", { e: { kind: "edges" } }),

@@ -18,7 +18,7 @@ import {
   isReady,
 } from "../model/layers.ts";
 import { isLayerId } from "../model/maps.ts";
-import { layersOf } from "../model/state.ts";
+import { allLayersOf } from "../model/state.ts";
 import { announce } from "../store/announce.ts";
 import { askText, confirmDelete } from "./dialogs.tsx";
 import {
@@ -47,7 +47,7 @@ export function LayersSection({ store }: OfStore) {
   const { layers, caseLayers, view } = store;
   const list = caseLayers.list.value;
   const added = list?.layers.filter(isAdded) ?? [];
-  const isShown = layersOf(view.state.value).some(isLayerId);
+  const isShown = allLayersOf(view.state.value).some(isLayerId);
   const change: Do = async (work) => {
     layers.said.value = "";
     const focused = document.activeElement;
@@ -96,8 +96,8 @@ function Item({
 }: OfStore & { readonly layer: Layer; readonly at: number; readonly count: number; readonly change: Do }) {
   const { shown, layers, view } = store;
   const { id, name, kind, unit, state, quality, contrast } = layer;
-  const isGrey = view.state.value.layer?.id === id;
-  const isColoured = view.state.value.overlay?.name === id;
+  const isGrey = view.seen.value.layer?.id === id;
+  const isColoured = view.seen.value.overlay?.name === id;
   const move = (place: number): void => change(() => changeLayer(shown.id, id, { place }));
   const rename = async (): Promise<void> => {
     const wanted = await askText(t("layer.rename", { name }), t("layer.name"), name);
