@@ -45,10 +45,11 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
 }
 
 /** Which pane is meant: of a slice, its plane. */
-export function paneWords({ plane }: Pick<ViewState, "plane">, place: Place): string {
+export function paneWords({ plane, panes }: Pick<ViewState, "plane" | "panes">, place: Place): string {
   const at = (SLICE_SLOTS as readonly Place[]).indexOf(place);
-  if (at < 0) return t(`pane.${place as Exclude<Place, (typeof SLICE_SLOTS)[number]>}`);
-  return plane ? `${t(`plane.${plane}`)} ${number(at + 1)}` : t(`plane.${PLANE_NAMES[at] ?? "axial"}`);
+  if (at >= 0) return plane ? `${t(`plane.${plane}`)} ${number(at + 1)}` : t(`plane.${PLANE_NAMES[at] ?? "axial"}`);
+  if (place === "all" && Object.keys(panes).length > 0) return t("pane.others");
+  return t(`pane.${place as Exclude<Place, (typeof SLICE_SLOTS)[number]>}`);
 }
 
 /** An intensity; a dash where it is unknown. */

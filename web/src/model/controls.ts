@@ -217,6 +217,8 @@ export type PaneCommand =
   | { readonly kind: "series"; readonly id?: string; readonly pane?: Place }
   /** All slices in a plane, or each in its own; without a plane, the next of these. */
   | { readonly kind: "plane"; readonly plane?: Plane | "three" }
+  /** The slices of a plane, or of the one that a hand was in last, go through the head, or stop. */
+  | { readonly kind: "cine"; readonly plane?: Plane }
   /** The same in all panes; the strip of series is shown or hidden. */
   | { readonly kind: "alike" | "strip" };
 

@@ -104,6 +104,7 @@ export const BINDINGS = [
   plain("layers", { l: { kind: "grey" }, c: { kind: "colours" } }),
   plain("series", { N: { kind: "series" }, E: { kind: "strip" } }),
   plain("plane", { T: { kind: "plane" } }),
+  plain("cine", { C: { kind: "cine" } }),
   plain("blink", { b: { kind: "hold" } }),
   plain("swipe", { v: { kind: "swipe" } }),
   plain("edges", { e: { kind: "edges" } }),

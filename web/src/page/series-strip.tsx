@@ -8,7 +8,7 @@ import { type Place, hasSlices, lookAt, placeOf } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { seriesOf } from "../store/shown-layers.ts";
 import type { Store } from "../store/store.ts";
-import { Button, Buttons, type OfStore } from "./fields.tsx";
+import { Button, Choice, type OfStore } from "./fields.tsx";
 
 /** What is dragged: the id of a series. */
 const DRAGGED = "application/x-isocortex-series";
@@ -22,37 +22,38 @@ export function SeriesStrip({ store }: OfStore) {
   const pane = paneWords(state, place);
   return (
     <div class="strip" role="group" aria-label={`${t("strip.label")}: ${pane}`}>
-      {layers.series.map(({ id, name }) => (
-        <button
-          key={id}
-          type="button"
-          class="chip"
-          data-series={id}
-          aria-pressed={id === shown}
-          title={t("strip.hint")}
-          draggable
-          onDragStart={({ dataTransfer }) => {
-            dataTransfer?.setData(DRAGGED, id);
-            if (dataTransfer) dataTransfer.effectAllowed = "copy";
-          }}
-          onClick={() => perform(store, { kind: "series", id })}
-        >
-          {name}
-        </button>
-      ))}
+      <div class="chips">
+        {layers.series.map(({ id, name }) => (
+          <button
+            key={id}
+            type="button"
+            class="chip"
+            data-series={id}
+            aria-pressed={id === shown}
+            title={t("strip.hint")}
+            draggable
+            onDragStart={({ dataTransfer }) => {
+              dataTransfer?.setData(DRAGGED, id);
+              if (dataTransfer) dataTransfer.effectAllowed = "copy";
+            }}
+            onClick={() => perform(store, { kind: "series", id })}
+          >
+            {name}
+          </button>
+        ))}
+      </div>
       <span class="quiet pane-words">{pane}</span>
-      <hr class="spring" />
       {Object.keys(state.panes).length > 0 && (
         <Button onClick={() => perform(store, { kind: "alike" })}>{t("strip.alike")}</Button>
       )}
       {hasSlices(state) && (
-        <Buttons
-          name="planes"
+        <Choice
+          id="planes"
           label={t("strip.planes.about")}
+          title={keyOf(({ kind }) => kind === "plane")}
           values={["three", ...PLANE_NAMES]}
           value={state.plane ?? "three"}
           words={(plane) => t(plane === "three" ? "strip.three-planes" : `plane.${plane}`)}
-          about={() => ({ title: keyOf(({ kind }) => kind === "plane") })}
           onChoose={(plane) => perform(store, { kind: "plane", plane })}
         />
       )}
@@ -75,6 +76,8 @@ export function hearSeries(
   const enter = (event: Event): void => {
     const place = placeOfEvent(event);
     if (place) store.view.pane.value = place;
+    const { plane } = (event.target as HTMLElement).closest<HTMLElement>(".pane")?.dataset ?? {};
+    store.view.slice.value = PLANE_NAMES.find((one) => one === plane) ?? store.view.slice.peek();
   };
   const over = (pane: Element | null): void => {
     for (const one of panes.querySelectorAll(".pane.taking")) one.classList.toggle("taking", one === pane);

@@ -78,7 +78,7 @@ export abstract class PlanePane {
         "data-pane": pane,
       },
       this.frame,
-      h("div", { class: "slice-bar" }, this.overlay.line, this.range, enlarge, ...buttons),
+      h("div", { class: "slice-bar" }, this.overlay.line, this.range, ...buttons, enlarge),
       this.#words,
     );
     this.overlay.element.append(this.mapBar.element, this.#hovered);

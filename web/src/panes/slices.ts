@@ -1,6 +1,8 @@
 // One slice with the outline of the cut, its cursor and its control.
 
-import { h, setValue } from "../base/dom.ts";
+import { effect } from "@preact/signals";
+
+import { h, icon, iconButton, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
@@ -28,6 +30,7 @@ import {
 } from "../model/slice-geometry.ts";
 import { type Vec2, type Vec3, add, subtract, PLANES, type Plane } from "../model/space.ts";
 import { type Place, type Slot, type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
+import { perform } from "../store/commands.ts";
 import type { Store } from "../store/store.ts";
 import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
@@ -66,6 +69,7 @@ export class SlicePane extends PlanePane {
   siblings: readonly SlicePane[] = [];
   /** What the picture that is up shows. */
   #drawn: Seen | null = null;
+  readonly #end: () => void;
   /** The marks that are drawn, and where. */
   #laid: { readonly marked: readonly Marked[]; readonly where: string } | null = null;
 
@@ -73,6 +77,8 @@ export class SlicePane extends PlanePane {
   constructor(plane: Plane, store: Store, byHand: PlacedByHand, { pane, number = "", role = null }: SliceOptions) {
     const words = t(`plane.${plane}`);
     const [min, max] = reachOf(store.shown, PLANES[plane].axis);
+    const play = iconButton("play", t("cine.play", { plane: words }), () => perform(store, { kind: "cine", plane }));
+    play.dataset.cine = plane;
     super(store, byHand, {
       name: role ? `${plane}-${role.name}` : `${plane}${number}`,
       classes: role ? `${plane} ${role.name}` : plane,
@@ -81,6 +87,13 @@ export class SlicePane extends PlanePane {
       pane,
       zoom: role?.zoom ?? CENTRED.zoom,
       range: { min, max, step: 0.5, "aria-label": t("slice.position", { plane: words }) },
+      buttons: role ? [] : [play],
+    });
+    this.element.dataset.plane = plane;
+    this.#end = effect(() => {
+      const isRunning = store.cine.plane.value === plane;
+      play.replaceChildren(icon(isRunning ? "pause" : "play"));
+      play.setAttribute("aria-pressed", String(isRunning));
     });
     this.plane = plane;
     this.#role = role;
@@ -165,6 +178,7 @@ export class SlicePane extends PlanePane {
   }
 
   dispose(): void {
+    this.#end();
     this.#picture.stop();
   }
 

@@ -180,8 +180,9 @@ export class SurfacePane {
     const { beside } = state;
     for (const [at, overlay] of [this.#overlay, this.#otherOverlay].entries()) {
       overlay.letter(edgesOf(state.orientation));
-      const hasSeries = beside !== null || Object.keys(state.panes).length > 0;
-      const badge = hasSeries ? lookWords(at > 0 ? state : leftOf(state)) : "";
+      // Where panes show several series, each names its own; the bars name the others.
+      const isOwn = Object.keys(state.panes).length > 0 && !state.layer && !state.overlay;
+      const badge = beside ? lookWords(at > 0 ? state : beside) : isOwn ? t("value.own") : "";
       overlay.title(titleOf(state, state.orientation), badge);
       overlay.scale(mm_per_pixel, width);
       overlay.divide(state.swipe);

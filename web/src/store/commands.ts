@@ -124,11 +124,19 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   strip: ({ hasStrip, isStripShown }) => (hasStrip.value = !isStripShown.peek()),
   plane: (store, { plane: wanted }) => {
     const { view, large } = store;
-    if (!hasSlices(view.now)) setLayout(store, isMirrored(view.now) ? "both" : "slices");
+    if (!hasSlices(view.now)) showSlices(store);
     const plane = wanted === undefined ? nextOf(PLANE_NAMES, view.now.plane) : wanted === "three" ? null : wanted;
     large.value = null;
     view.change({ plane }, true);
     note(plane ? t("plane.said", { plane: t(`plane.${plane}`) }) : t("plane.three-said"));
+  },
+  cine: (store, { plane }) => {
+    const { view, cine } = store;
+    const isCloser = view.now.layout === "closer";
+    if (!hasSlices(view.now) && !isCloser) showSlices(store);
+    store.sweep.stop();
+    cine.toggle(plane ?? (isCloser ? null : view.now.plane) ?? view.slice.peek());
+    announce(t(cine.plane.peek() ? "cine.begun" : "cine.ended"));
   },
   // The page's own.
   help: () => {},
@@ -183,6 +191,9 @@ export function setLayout(store: Store, layout: Layout): void {
   announce(t(`layout.${layout}`));
   store.looks.value += 1;
 }
+
+/** Shows slices beside what is shown. */
+const showSlices = (store: Store): void => setLayout(store, isMirrored(store.view.now) ? "both" : "slices");
 
 /** Shows the close-up of the marked place. */
 function lookCloser(store: Store): void {

@@ -54,6 +54,8 @@ export class ShownLayers {
   readonly moved = signal<Affine | null>(null);
   /** Counts how often a key asked to move the layer by hand. */
   readonly nudges = signal(0);
+  /** Files that were dropped on the case, to be added to it. */
+  readonly dropped = signal<readonly File[]>([]);
   /** What became of a layer. */
   readonly said = signal("");
   readonly #view: View;

@@ -14,6 +14,7 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import { type HalfLook, type Layout, type ViewState, viewSize } from "../model/state.ts";
 import { announce, note } from "./announce.ts";
 import { CaseLayers } from "./case-layers.ts";
+import { Cine } from "./cine.ts";
 import { Findings } from "./findings.ts";
 import { Measures } from "./measures.ts";
 import { Places } from "./places.ts";
@@ -32,6 +33,7 @@ export class Store {
   readonly shown: ReadyCase;
   readonly view: View;
   readonly sweep: Sweep;
+  readonly cine: Cine;
   readonly caseLayers: CaseLayers;
   readonly layers: ShownLayers;
   readonly places: Places;
@@ -116,6 +118,7 @@ export class Store {
     this.view = new View(shown, first, history);
     this.#first_mm = first.depth_mm;
     this.sweep = new Sweep(this.view);
+    this.cine = new Cine(this.view, (position) => this.moveCross(position, false));
     this.caseLayers = new CaseLayers(shown.id);
     this.layers = new ShownLayers(this.view, this.caseLayers, (problem) => this.complain(problem));
     this.places = new Places(this.view, this.caseLayers);
@@ -139,6 +142,7 @@ export class Store {
     this.isOver = true;
     this.#end();
     this.sweep.stop();
+    this.cine.stop();
     this.caseLayers.dispose();
     for (const part of [this.layers, this.places, this.rows, this.findings, this.measures, this.point]) part.dispose();
   }

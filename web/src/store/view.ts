@@ -5,6 +5,7 @@ import { type ReadonlySignal, type Signal, batch, computed, signal } from "@prea
 import type { ReadyCase, Window } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
 import { writeAddress } from "../model/fragment.ts";
+import type { Plane } from "../model/space.ts";
 import type { Left } from "../model/memory.ts";
 import type { StateHistory } from "../model/history.ts";
 import { type HalfLook, type Place, type ViewState, clampDepth, lookAt, placeOf, withLook } from "../model/state.ts";
@@ -15,6 +16,8 @@ export class View {
   readonly depth_mm: ReadonlySignal<number>;
   /** The pane that a hand or the focus was in last; null: none yet. */
   readonly pane = signal<Place | null>(null);
+  /** The plane of the slice that a hand was in last. */
+  readonly slice = signal<Plane>("axial");
   /** Whose look controls show and change. */
   readonly place: ReadonlySignal<Place>;
   /** The state with that look. */
