@@ -27,6 +27,25 @@ async function shader({ path: file }) {
   return { loader: "text", contents: text.replace(/^\s+/gm, "").replace(/ ?([*/=<>&|?:,;(){}]+) ?/g, "$1") };
 }
 
+/** The words of a language as they are bundled: the names, which all languages share, are in a module of their own. */
+const words = {
+  name: "words",
+  setup(bundler) {
+    bundler.onResolve({ filter: /^words-names$/ }, ({ path: name }) => ({ path: name, namespace: "words" }));
+    bundler.onLoad({ filter: /.*/, namespace: "words" }, async () => {
+      const names = Object.keys(JSON.parse(await readFile(path.join(web, "src/words.en.json"), "utf8")));
+      return { loader: "json", contents: JSON.stringify(names) };
+    });
+    bundler.onLoad({ filter: /words\.[\w-]+\.json$/ }, async ({ path: file }) => {
+      const texts = Object.values(JSON.parse(await readFile(file, "utf8")));
+      const contents = `import names from "words-names";
+        const texts = ${JSON.stringify(texts)};
+        export default Object.fromEntries(names.map((name, at) => [name, texts[at]]));`;
+      return { loader: "js", contents };
+    });
+  },
+};
+
 /** The documents: each has the head of `src/page.html`, the style sheet, and an entry of its own; the first one has the icons. */
 const DOCUMENTS = [
   {
@@ -62,6 +81,7 @@ const STYLE = "src/style.css";
 async function page() {
   const { outputFiles, metafile } = await build({
     ...common,
+    plugins: [...common.plugins, words],
     entryPoints: [...DOCUMENTS.map(({ entry, file }) => ({ in: entry, out: path.parse(file).name })), STYLE],
     outdir: "dist",
     entryNames: "[name]-[hash]",
@@ -76,17 +96,20 @@ async function page() {
   const hashed = [...files.keys()].sort();
   const outputs = Object.entries(metafile.outputs);
   const outputOf = (entry) => outputs.find(([, { entryPoint }]) => entryPoint === entry)[0];
+  const names = outputOf("src/words.en.json");
   const shapes = (await readFile(path.join(web, "src/icons.svg"), "utf8")).replace(/\n */g, "");
   const template = await readFile(path.join(web, "src/page.html"), "utf8");
   const documents = DOCUMENTS.map(({ address, file, entry, icons, ...texts }) => {
     const script = outputOf(entry);
     const chunks = staticImports(metafile, script).map((chunk) => path.basename(chunk));
+    // The names come while the page finds out which language they are for.
+    const early = [...chunks, ...staticImports(metafile, names).map((chunk) => path.basename(chunk))];
     const values = {
       ...texts,
       icons: icons ? shapes : "",
       script: path.basename(script),
       style: path.basename(outputOf(STYLE)),
-      preloads: chunks.map((chunk) => `<link rel="modulepreload" href="./${chunk}">`).join("\n  "),
+      preloads: early.map((chunk) => `<link rel="modulepreload" href="./${chunk}">`).join("\n  "),
     };
     files.set(file, Buffer.from(template.replace(/\{\{(\w+)\}\}/g, (_, name) => values[name])));
     return { address, file, loads: [values.style, values.script, ...chunks] };

@@ -33,6 +33,8 @@ test("every part of a state comes back from the address, which stays short", () 
     layer: null,
     overlay: { name: "asymmetry", threshold: 3.2, opacity: 0.5 },
     beside: null,
+    panes: {},
+    plane: "coronal",
     swipe: { share: 0.3 },
     has_edges: true,
     averages_shallow: false,
@@ -68,6 +70,30 @@ test("the left half comes back from the address, and is nothing without the part
     assert.ok(alone.unread.length > 0 && alone.unread.every((part) => part.startsWith("t")), alone.unread.join());
   }
   assert.deepEqual(readState("t=1&ty=x&tw=1&tz=2", SHOWN).unread, ["ty=x", "tw=1", "tz=2"]);
+});
+
+test("the series of panes come back from the address, each with its window, and are nothing without their letters", () => {
+  const layer = { id: "0123456789abcdef0123456789abcdef" };
+  const overlay = { name: "blur", threshold: 3, opacity: 0.5 } as const;
+  const own = { layer: null, overlay: null, window: FIRST.window, colormap: "grey" } as const;
+  const state: ViewState = {
+    ...FIRST,
+    layer,
+    window: { center: 20.5, width: 9.25 },
+    plane: "axial",
+    panes: {
+      surface: own,
+      "slice-1": { ...own, window: { center: 512.5, width: 99.25 } },
+      "slice-3": { layer, overlay, window: { center: 30.5, width: 12.25 }, colormap: "hot" },
+      map: { ...own, overlay },
+    },
+  };
+  const rest = restOf(writeAddress(state, SHOWN));
+  assert.deepEqual(readState(rest, SHOWN), { state, unread: [] });
+  const alone = readState(rest.replace("C=1&", ""), SHOWN);
+  assert.deepEqual(Object.keys(alone.state.panes), ["surface", "slice-1", "map"]);
+  assert.ok(alone.unread.length === 4 && alone.unread.every((part) => part.startsWith("C")), alone.unread.join());
+  assert.deepEqual(readState("A=2&Bw=1,2&n=oblique", SHOWN).unread, ["A=2", "Bw=1,2", "n=oblique"]);
 });
 
 test("a window comes back to a ten-thousandth of its ramp, however small it is", () => {

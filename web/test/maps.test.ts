@@ -19,9 +19,9 @@ import {
   toggled,
 } from "../src/model/maps.ts";
 import { sideOf, sideSeen } from "../src/model/midsagittal.ts";
-import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
+import { renderQuery, sliceQuery } from "../src/model/query.ts";
 import { turnBody } from "../src/model/series.ts";
-import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
+import { type Vec3, dot, normalized, subtract, PLANE_NAMES } from "../src/model/space.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";
 import { effect } from "@preact/signals";
 import { CaseLayers } from "../src/store/case-layers.ts";

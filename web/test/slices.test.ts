@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { facesOf } from "../src/panes/cube.ts";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
-import { PLANE_NAMES, pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
+import { pictureSize, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { imageWords } from "../src/panes/slice-words.ts";
 import { speak, type Words } from "../src/base/i18n.ts";
 import { depthAtWords, positionWords, scaleBar, voxelAt } from "../src/base/readout.ts";
@@ -23,7 +23,7 @@ import {
   withinReach,
   zoomedSlice,
 } from "../src/model/slice-geometry.ts";
-import type { Vec3 } from "../src/model/space.ts";
+import { type Vec3, PLANE_NAMES } from "../src/model/space.ts";
 import { firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 

@@ -85,6 +85,7 @@ export const ICONS = [
   "flair",
   "more",
   "export",
+  "series",
 ] as const;
 export type Icon = (typeof ICONS)[number];
 

@@ -2,9 +2,9 @@
 
 import { LETTERS } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { type ViewState, shallowMean, slabOf } from "../model/state.ts";
+import { type Place, SLICE_SLOTS, type ViewState, shallowMean, slabOf } from "../model/state.ts";
 import { intensity, number, t } from "./i18n.ts";
-import { type Vec3, inverted, transform } from "../model/space.ts";
+import { PLANE_NAMES, type Vec3, inverted, transform } from "../model/space.ts";
 
 /** `L 32.1 · A 12.0 · S 45.2`, in mm; a line is never broken between a letter and its number. */
 export function positionWords(position_in_patient: Vec3): string {
@@ -42,6 +42,14 @@ const BARS_MM = [1, 2, 5, 10, 20, 50, 100, 200] as const;
 export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: number; readonly pixels: number } {
   const mm = BARS_MM.findLast((bar) => bar / mm_per_pixel <= longest) ?? BARS_MM[0];
   return { mm, pixels: mm / mm_per_pixel };
+}
+
+/** Which pane is meant: of a slice, its plane. */
+export function paneWords({ plane, panes }: Pick<ViewState, "plane" | "panes">, place: Place): string {
+  const at = (SLICE_SLOTS as readonly Place[]).indexOf(place);
+  if (at >= 0) return plane ? `${t(`plane.${plane}`)} ${number(at + 1)}` : t(`plane.${PLANE_NAMES[at] ?? "axial"}`);
+  if (place === "all" && Object.keys(panes).length > 0) return t("pane.others");
+  return t(`pane.${place as Exclude<Place, (typeof SLICE_SLOTS)[number]>}`);
 }
 
 /** An intensity; a dash where it is unknown. */

@@ -36,9 +36,9 @@ export function changeOf(
     case "invert":
       return { change: invert(state), isStep: true };
     case "reset": {
-      const { surface, layout, way, convention, outlines_mm, averages_shallow } = state;
+      const { surface, layout, plane, way, convention, outlines_mm, averages_shallow } = state;
       return {
-        change: { ...firstState(shown), surface, layout, way, convention, outlines_mm, averages_shallow },
+        change: { ...firstState(shown), surface, layout, plane, way, convention, outlines_mm, averages_shallow },
         isStep: true,
       };
     }

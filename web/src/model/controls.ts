@@ -6,8 +6,9 @@ import type { Judgement } from "./findings.ts";
 import { MAP_RADIUS_MM } from "./flat-map.ts";
 import type { MapName } from "./maps.ts";
 import type { SurfaceName } from "./surfaces.ts";
-import { type Vec2, clamp, compose, turnAbout, unit } from "./space.ts";
+import { type Plane, type Vec2, clamp, compose, turnAbout, unit } from "./space.ts";
 import {
+  type Place,
   type ViewState,
   type WindowPreset,
   DEPTH_STEP_MM,
@@ -210,9 +211,21 @@ export type LayerCommand =
    */
   | { readonly kind: "swipe" | "edges" | "nudge" | "beside" | "swap" };
 
+/** What panes show, and in which planes. */
+export type PaneCommand =
+  /** The series of an id in a pane, or in the one that a hand was in last; without an id, the next one. */
+  | { readonly kind: "series"; readonly id?: string; readonly pane?: Place }
+  /** All slices in a plane, or each in its own; without a plane, the next of these. */
+  | { readonly kind: "plane"; readonly plane?: Plane | "three" }
+  /** The slices of a plane, or of the one that a hand was in last, go through the head, or stop. */
+  | { readonly kind: "cine"; readonly plane?: Plane }
+  /** The same in all panes; the strip of series is shown or hidden. */
+  | { readonly kind: "alike" | "strip" };
+
 export type Command =
   | ChangingCommand
   | LayerCommand
+  | PaneCommand
   /** The next row of the list of places and findings, or the one before. */
   | { readonly kind: "row"; readonly steps: number }
   /** The next step of the protocol, or the one before. */

@@ -6,7 +6,7 @@ import { NAMED_VIEWS, VIEW_NAMES, viewName } from "./camera.ts";
 import type { ReadyCase, Window } from "./case.ts";
 import { type Change, boundWindow } from "./controls.ts";
 import { isLayerId, overlayText, readOverlay } from "./maps.ts";
-import { type Quat, type Vec2, type Vec3, clamp, unit } from "./space.ts";
+import { PLANE_NAMES, type Quat, type Vec2, type Vec3, clamp, unit } from "./space.ts";
 import { SURFACES } from "./surfaces.ts";
 import { type Filter, LIST, readFilter } from "./worklist.ts";
 import {
@@ -17,13 +17,17 @@ import {
   LOOK,
   LOOK_KEYS,
   PAN_LIMIT_MM,
+  type Place,
+  SLOTS,
+  SLOT_NAMES,
   WAYS,
   ZOOM_RANGE,
   boundOutlines,
   clampDepth,
   firstState,
   halfOf,
-  leftOf,
+  lookAt,
+  withLook,
 } from "./state.ts";
 
 export type Address =
@@ -89,6 +93,13 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   sayHalf(state, "");
   say("t", state.beside ? "1" : "", "");
   if (state.beside) sayHalf(state.beside, "t");
+  for (const slot of SLOT_NAMES) {
+    const own = state.panes[slot];
+    if (!own) continue;
+    say(SLOTS[slot], "1", "");
+    sayHalf(own, SLOTS[slot]);
+  }
+  say("n", state.plane ?? "", "");
   say("e", state.swipe ? short(state.swipe.share, 2) : "", "");
   say("h", state.has_edges ? "1" : "", "");
   for (const key of LOOK_KEYS)
@@ -138,8 +149,14 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
     LOOK[key].letter,
     (text: string): Reading => number(text, 0, LOOK[key].most, (value) => ({ [key]: value })),
   ]);
+  const ofPanes = SLOT_NAMES.map((slot) => [
+    SLOTS[slot],
+    (text: string, before: ViewState): Reading =>
+      word(text, ["1"], () => withLook(before, slot, halfOf(firstState(shown)))),
+  ]);
   return {
     ...Object.fromEntries(ofLook),
+    ...Object.fromEntries(ofPanes),
     f: (text) => word(text, SURFACES, (surface) => ({ surface })),
     d: (text) => number(text, 0, clampDepth(Infinity, shown), (depth) => ({ depth_mm: clampDepth(depth, shown) })),
     v: (text) => word(text, VIEW_NAMES, (view) => ({ orientation: NAMED_VIEWS[view] })),
@@ -171,6 +188,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
       return read ? { change: { overlay: read.overlay }, isWhole: read.isWhole } : UNREAD;
     },
     t: (text) => word(text, ["1"], () => ({ beside: halfOf(firstState(shown)) })),
+    n: (text) => word(text, PLANE_NAMES, (plane) => ({ plane })),
     e: (text) => number(text, 0, 1, (share) => ({ swipe: { share } })),
     h: (text) => word(text, ["1"], () => ({ has_edges: true })),
     g: (text) => word(text, ["0", "1"], (averages) => ({ averages_shallow: averages === "1" })),
@@ -210,6 +228,13 @@ interface Reading {
 
 const UNREAD: Reading = { change: {}, isWhole: false };
 
+/** Whose look the letter means before those of a look; null if it has none of its own. */
+function placeAt(letter: string, { beside, panes }: ViewState): Place | null {
+  if (letter === "t") return beside && "left";
+  const slot = SLOT_NAMES.find((one) => SLOTS[one] === letter);
+  return slot && panes[slot] ? slot : null;
+}
+
 /** `base` is the state of what the address does not say. */
 export function readState(rest: string, shown: ReadyCase, base: ViewState = firstState(shown)): ReadState {
   const byKey = readers(shown);
@@ -220,10 +245,11 @@ export function readState(rest: string, shown: ReadyCase, base: ViewState = firs
     const key = part.slice(0, Math.max(at, 0));
     const read = (name: string, before: ViewState): Reading =>
       (Object.hasOwn(byKey, name) && byKey[name]?.(part.slice(at + 1), before)) || UNREAD;
-    // What begins with a t is of the left half.
-    const isLeft = state.beside !== null && /^t[ywmb]$/.test(key);
-    const { change, isWhole } = isLeft ? read(key.slice(1), leftOf(state)) : read(key, state);
-    state = { ...state, ...(isLeft ? { beside: halfOf({ ...leftOf(state), ...change }) } : change) };
+    // What begins with a t is of the left half, and with a capital letter of a pane.
+    const place = /^.[ywmb]$/.test(key) ? placeAt(key.charAt(0), state) : null;
+    const look = place && { ...state, ...lookAt(state, place) };
+    const { change, isWhole } = look ? read(key.slice(1), look) : read(key, state);
+    state = { ...state, ...(look && place ? withLook(state, place, halfOf({ ...look, ...change })) : change) };
     if (!isWhole) unread.push(part);
   }
   return { state, unread };

@@ -82,6 +82,6 @@ export const styleOfLayer = ({ unit, window, colormap, threshold }: Layer): MapS
 });
 
 /** The next of some layers after the one that is shown, then none: what a key goes through. */
-export function nextOf(ids: readonly string[], shown: string | null): string | null {
+export function nextOf<Id extends string>(ids: readonly Id[], shown: Id | null): Id | null {
   return ids[shown === null ? 0 : ids.indexOf(shown) + 1] ?? null;
 }

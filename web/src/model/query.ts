@@ -3,7 +3,7 @@
 import { short } from "./text.ts";
 import { viewName } from "./camera.ts";
 import { overlayPairs } from "./maps.ts";
-import type { Vec2, Vec3 } from "./space.ts";
+import { type Plane, PLANES, type Vec2, type Vec3 } from "./space.ts";
 import { type ViewState, LOOK, LOOK_KEYS, slabOf } from "./state.ts";
 import type { MeshSize } from "./wire.ts";
 
@@ -52,11 +52,6 @@ export function mapQuery(state: ViewState, size: Vec2): URLSearchParams {
   if (has_inner) query.set("sides", "both");
   return query;
 }
-
-/** The slice planes; `axis` is the patient's across them. */
-export const PLANES = { axial: { axis: 2 }, coronal: { axis: 1 }, sagittal: { axis: 0 } } as const;
-export type Plane = keyof typeof PLANES;
-export const PLANE_NAMES: readonly Plane[] = ["axial", "coronal", "sagittal"];
 
 /** The depths whose outlines a slice shows: that of the cut comes first. */
 export const outlinesOf = ({

@@ -4,6 +4,7 @@ import { NAMED_VIEWS, VIEW_NAMES, type ViewName, viewName } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { laidOut } from "./commands.ts";
 import type { Change } from "./controls.ts";
+import { CONTRASTS, LAYER_KINDS, type Layer, greyOf, isReady } from "./layers.ts";
 import { isMap, overlayText, readOverlay } from "./maps.ts";
 import {
   COLORMAPS,
@@ -11,11 +12,17 @@ import {
   type Colormap,
   type Convention,
   LAYOUTS,
+  type HalfLook,
   type Layout,
+  SLOT_NAMES,
+  type Slot,
   type ViewState,
   boundOutlines,
   clampDepth,
+  firstState,
+  halfOf,
 } from "./state.ts";
+import { PLANE_NAMES, type Plane } from "./space.ts";
 import { SURFACES, type SurfaceName } from "./surfaces.ts";
 import { parsed, plainLine } from "./text.ts";
 
@@ -36,12 +43,60 @@ export interface SavedLayout {
   readonly outlines_mm: readonly number[];
   readonly surface: SurfaceName;
   readonly has_inner: boolean;
+  /**
+   * What panes show that have a series of their own: a map, as the address writes it, or the contrast or the kind of a layer, of which
+   * another case has the newest; `own` is the case itself.
+   */
+  readonly series: Readonly<Partial<Record<Slot, string>>>;
+  /** The plane of all slices; null: each has its own. */
+  readonly plane: Plane | null;
 }
+
+/** What layers can be found by in any case. Others, such as the map of another program, are one patient's. */
+const FOUND_BY: readonly string[] = [...CONTRASTS, ...LAYER_KINDS].filter(
+  (one) => !/^(other|mr|map|labels)$/.test(one),
+);
+const OWN = "own";
+
+const foundBy = ({ contrast, kind }: Layer): string | null =>
+  FOUND_BY.find((one) => one === contrast) ?? FOUND_BY.find((one) => one === kind) ?? null;
+
+/** What is kept of the series of a pane; null: it is one patient's. */
+function kept({ layer, overlay }: HalfLook, layers: readonly Layer[]): string | null {
+  if (overlay && isMap(overlay.name)) return overlayText(overlay);
+  const found = layers.find(({ id }) => id === (layer?.id ?? overlay?.name));
+  return found ? foundBy(found) : layer || overlay ? null : OWN;
+}
+
+/** The look of a kept series in a case; null if the case has none. */
+function lookOf(text: string, shown: ReadyCase, layers: readonly Layer[]): HalfLook | null {
+  const own = halfOf(firstState(shown));
+  const overlay = readOverlay(text)?.overlay;
+  if (overlay) return { ...own, overlay };
+  if (text === OWN) return own;
+  const newest = layers.findLast((one) => isReady(one) && foundBy(one) === text);
+  const layer = newest && greyOf(newest);
+  return layer ? { ...own, layer, window: layer.intensity.window } : null;
+}
+
+/** The series of panes that a case has none of. */
+export const missingOf = ({ series }: SavedLayout, shown: ReadyCase, layers: readonly Layer[]): readonly string[] => [
+  ...new Set(Object.values(series).filter((text) => lookOf(text, shown, layers) === null)),
+];
+
+const isSeries = (text: string): boolean => {
+  const read = readOverlay(text);
+  return read ? isMap(read.overlay.name) : text === OWN || FOUND_BY.includes(text);
+};
+
+/** A value for each pane that has one. */
+const perSlot = <Value>(valueOf: (slot: Slot) => Value | null): Partial<Record<Slot, Value>> =>
+  Object.fromEntries(SLOT_NAMES.map((slot) => [slot, valueOf(slot)]).filter(([, value]) => value !== null));
 
 /** A name as it is kept. */
 export const boundName = (name: string): string => plainLine(name, LONGEST_NAME);
 
-export const savedAs = (name: string, state: ViewState): SavedLayout => ({
+export const savedAs = (name: string, state: ViewState, layers: readonly Layer[] = []): SavedLayout => ({
   name: boundName(name),
   layout: state.layout,
   depth_mm: state.depth_mm,
@@ -52,11 +107,21 @@ export const savedAs = (name: string, state: ViewState): SavedLayout => ({
   outlines_mm: state.outlines_mm,
   surface: state.surface,
   has_inner: state.map.has_inner,
+  series: perSlot((slot) => {
+    const own = state.panes[slot];
+    return own ? kept(own, layers) : null;
+  }),
+  plane: state.plane,
 });
 
 /** The change to a saved layout: the marked point, the window and the layers of the patient stay, and what it does not say. */
-export function recalled(saved: Partial<SavedLayout>, state: ViewState, shown: ReadyCase): Change {
-  const { layout, depth_mm, map, view, colormap, convention, outlines_mm, surface, has_inner } = {
+export function recalled(
+  saved: Partial<SavedLayout>,
+  state: ViewState,
+  shown: ReadyCase,
+  layers: readonly Layer[] = [],
+): Change {
+  const { layout, depth_mm, map, view, colormap, convention, outlines_mm, surface, has_inner, series, plane } = {
     ...savedAs("", state),
     ...saved,
   };
@@ -68,6 +133,11 @@ export function recalled(saved: Partial<SavedLayout>, state: ViewState, shown: R
     depth_mm: clampDepth(depth_mm, shown),
     overlay: readOverlay(map)?.overlay ?? null,
     map: { ...state.map, has_inner },
+    panes: perSlot((slot) => {
+      const text = series[slot];
+      return text === undefined ? null : lookOf(text, shown, layers);
+    }),
+    plane,
     colormap,
     convention,
     outlines_mm: boundOutlines(outlines_mm, shown),
@@ -88,6 +158,8 @@ function readLayout(stored: unknown): SavedLayout | null {
   if (name === "" || !layout || typeof one.depth_mm !== "number" || !Number.isFinite(one.depth_mm)) return null;
   const map = typeof one.map === "string" ? readOverlay(one.map) : null;
   const depths = Array.isArray(one.outlines_mm) ? one.outlines_mm : [];
+  const series: Partial<Record<string, unknown>> =
+    typeof one.series === "object" && one.series !== null ? { ...one.series } : {};
   return {
     name,
     layout,
@@ -99,5 +171,10 @@ function readLayout(stored: unknown): SavedLayout | null {
     outlines_mm: depths.filter((depth): depth is number => typeof depth === "number" && Number.isFinite(depth)),
     surface: SURFACES.find((known) => known === one.surface) ?? "whole",
     has_inner: one.has_inner === true,
+    series: perSlot((slot) => {
+      const text = series[slot];
+      return typeof text === "string" && isSeries(text) ? text : null;
+    }),
+    plane: PLANE_NAMES.find((known) => known === one.plane) ?? null,
   };
 }

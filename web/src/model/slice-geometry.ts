@@ -3,8 +3,7 @@
 import { type Edges, NAMED_VIEWS, type Projection, type View, type ViewName, edgesOf, project } from "./camera.ts";
 import type { ReadyCase, Sphere } from "./case.ts";
 import { type Pinch, pan, pinch, zoomAt } from "./controls.ts";
-import { PLANES, type Plane } from "./query.ts";
-import { type Vec2, type Vec3, clamp } from "./space.ts";
+import { type Vec2, type Vec3, clamp, PLANES, type Plane } from "./space.ts";
 import type { Convention } from "./state.ts";
 
 /** From where the server shows a slice: in the radiological manner. */

@@ -121,3 +121,8 @@ export function inverted(affine: Affine): Affine | null {
   const offset: Vec3 = [at(0, 3), at(1, 3), at(2, 3)];
   return [...linear.map((row) => [...row, -dot(row, offset)]), [0, 0, 0, 1]];
 }
+
+/** The slice planes; `axis` is the patient's across them. */
+export const PLANES = { axial: { axis: 2 }, coronal: { axis: 1 }, sagittal: { axis: 0 } } as const;
+export type Plane = keyof typeof PLANES;
+export const PLANE_NAMES = ["axial", "coronal", "sagittal"] as const satisfies readonly Plane[];

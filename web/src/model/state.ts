@@ -4,7 +4,7 @@ import { NAMED_VIEWS } from "./camera.ts";
 import { FIRST_MAP, type MapView } from "./flat-map.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import type { GreyLayer, LayerOverlay } from "./maps.ts";
-import { type Quat, type Vec2, type Vec3, clamp } from "./space.ts";
+import { type Plane, type Quat, type Vec2, type Vec3, clamp } from "./space.ts";
 import { type SurfaceName, mirroredSurface } from "./surfaces.ts";
 
 /** The colour maps, as the server names them. */
@@ -42,6 +42,12 @@ export function viewSize(state: ViewState, [width, height]: Vec2): Vec2 {
   if (!isHalved(state)) return [width, height];
   return isStacked(state, [width, height]) ? [width, height / 2] : [width / 2, height];
 }
+/** The panes that can show a series of their own, each with its letter in the address. The three slices may all have one plane. */
+export const SLOTS = { surface: "S", "slice-1": "A", "slice-2": "B", "slice-3": "C", across: "X", map: "M" } as const;
+export type Slot = keyof typeof SLOTS;
+export const SLOT_NAMES = Object.keys(SLOTS) as readonly Slot[];
+export const SLICE_SLOTS = ["slice-1", "slice-2", "slice-3"] as const satisfies readonly Slot[];
+
 export const hasSlices = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "slices" || layout === "both";
 
 /** How axial and coronal slices are shown: the patient's right at the picture's left, or at its right. */
@@ -55,6 +61,12 @@ export interface Swipe {
 
 /** What each half of the pane has of its own when two are compared side by side. */
 export type HalfLook = Pick<ViewState, "layer" | "overlay" | "window" | "colormap">;
+
+/** What a pane shows of its own; once it is drawn, also how its layer is compared with the picture without it. */
+export type PaneLook = HalfLook & Partial<Pick<ViewState, "bare_window" | "swipe" | "has_edges">>;
+
+/** Whose look is meant: a pane's own, that of the left half, or that of all panes without their own. */
+export type Place = Slot | "left" | "all";
 
 /**
  * The numbers of what a picture looks like, by their keys on the server, whose defaults are the first ones: from 0 to `most`, without
@@ -91,6 +103,10 @@ export interface ViewState extends LookNumbers {
   readonly overlay: LayerOverlay | null;
   /** The left half, which is compared side by side with the right half: the rest of the state; null: there is none. */
   readonly beside: HalfLook | null;
+  /** What panes show that have a series of their own; the others show what the state says. */
+  readonly panes: Readonly<Partial<Record<Slot, PaneLook>>>;
+  /** The plane of all three slices; null: each has its own. */
+  readonly plane: Plane | null;
   /** Where a line divides the picture without its layers from the picture with them; null: nowhere. */
   readonly swipe: Swipe | null;
   /** Whether slices show a layer as its edges alone, over the case's own intensities. */
@@ -134,6 +150,8 @@ export function firstState(shown: ReadyCase): ViewState {
     layer: null,
     overlay: null,
     beside: null,
+    panes: {},
+    plane: null,
     swipe: null,
     has_edges: false,
     ...lookNumbers("first"),
@@ -164,9 +182,56 @@ export const halfOf = ({ layer, overlay, window, colormap }: HalfLook): HalfLook
 /** What the left half shows, or the whole where nothing is beside it. */
 export const leftOf = (state: ViewState): ViewState => ({ ...state, ...state.beside });
 
-/** The layers of a state, by name or id. */
-export const layersOf = (state: ViewState): readonly string[] =>
-  [state, leftOf(state)].flatMap(({ layer, overlay }) => [layer?.id ?? [], overlay?.name ?? []].flat());
+const namesOf = ({ layer, overlay }: HalfLook): readonly string[] => [layer?.id ?? [], overlay?.name ?? []].flat();
+
+/** The layers of a picture with its halves, by name or id. */
+export const layersOf = (state: ViewState): readonly string[] => [state, leftOf(state)].flatMap(namesOf);
+
+/** The layers of all panes, each once. */
+export const allLayersOf = (state: ViewState): readonly string[] => [
+  ...new Set([...layersOf(state), ...Object.values(state.panes).flatMap(namesOf)]),
+];
+
+const seenIn = new WeakMap<ViewState, Map<Slot, ViewState>>();
+
+/** What a pane shows: the same object as long as the state is the same. */
+export function stateIn(state: ViewState, slot: Slot): ViewState {
+  const own = state.panes[slot];
+  if (!own) return state;
+  const known = seenIn.get(state) ?? new Map<Slot, ViewState>();
+  seenIn.set(state, known);
+  const seen = known.get(slot) ?? { ...state, ...own };
+  known.set(slot, seen);
+  return seen;
+}
+
+/** The panes of a layout that can show a series of their own. */
+export function slotsOf({ layout, across_deg, crosshair_mm }: ViewState): readonly Slot[] {
+  if (layout === "closer") return [];
+  if (layout === "map") return ["surface", "map"];
+  if (!hasSlices({ layout })) return ["surface"];
+  return ["surface", ...SLICE_SLOTS, ...(across_deg !== null && crosshair_mm ? (["across"] as const) : [])];
+}
+
+/** Where a series goes that is meant for a pane: a pane alone shows what all show. */
+export function placeOf(state: ViewState, asked: Place | null): Place {
+  if (asked === "left") return state.beside ? "left" : "all";
+  const slots = slotsOf(state);
+  if (asked === null || asked === "all" || !slots.includes(asked)) return "all";
+  return slots.length > 1 || state.panes[asked] ? asked : "all";
+}
+
+/** What is seen at a place. */
+export function lookAt(state: ViewState, place: Place): HalfLook {
+  if (place === "all") return halfOf(state);
+  return halfOf(place === "left" ? leftOf(state) : stateIn(state, place));
+}
+
+/** The change after which a place has a look. */
+export function withLook(state: ViewState, place: Place, look: HalfLook): Partial<ViewState> {
+  if (place === "all") return look;
+  return place === "left" ? { beside: look } : { panes: { ...state.panes, [place]: look } };
+}
 
 /** The surfaces that a picture shows: beside the mirrored half of one half, the other half too. */
 export const surfacesOf = (state: ViewState): readonly SurfaceName[] => {

@@ -34,17 +34,18 @@ export function boundSweep(choice: SweepChoice, shown: ReadyCase): SweepChoice {
 /** How long a step of a sweep lasts. */
 export const stepMs = ({ mm_per_s }: SweepChoice): number => (1000 * DEPTH_STEP_MM) / mm_per_s;
 
-/** The depth after a step, and the direction of the next: 1 is deeper. */
+/** The depth, or the place of a slice, after a step, and the direction of the next: 1 is deeper. */
 export function sweptDepth(
   depth_mm: number,
   direction: number,
-  { from_mm, to_mm, turns }: SweepChoice,
+  { from_mm, to_mm, turns }: Pick<SweepChoice, "from_mm" | "to_mm" | "turns">,
+  step_mm = DEPTH_STEP_MM,
 ): readonly [number, number] {
   const within = clamp(depth_mm, from_mm, to_mm);
   // From beside the range, the nearer end comes first.
   if (within !== depth_mm) return [within, direction];
-  const next = stepDepth(depth_mm, direction, DEPTH_STEP_MM);
+  const next = stepDepth(depth_mm, direction, step_mm);
   if (next >= from_mm && next <= to_mm) return [next, direction];
   if (!turns) return [direction > 0 ? from_mm : to_mm, direction];
-  return [clamp(stepDepth(depth_mm, -direction, DEPTH_STEP_MM), from_mm, to_mm), -direction];
+  return [clamp(stepDepth(depth_mm, -direction, step_mm), from_mm, to_mm), -direction];
 }

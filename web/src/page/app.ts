@@ -17,8 +17,8 @@ import { announce, announced, noted } from "../store/announce.ts";
 import { Cases } from "../store/cases.ts";
 import { perform } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
-import { choose, preferences } from "../store/preferences.ts";
-import { confirmDelete, helpDialog } from "./dialogs.tsx";
+import { choose, preferences, unfold } from "../store/preferences.ts";
+import { askDropped, confirmDelete, helpDialog } from "./dialogs.tsx";
 import { Upload } from "./upload.tsx";
 import { Viewer } from "./viewer.tsx";
 
@@ -108,10 +108,24 @@ export class App {
     this.upload.choose();
   }
 
-  drop(files: readonly File[]): void {
-    if (!mayWrite.peek()) return;
-    choose({ list: true });
-    this.upload.drop(files);
+  /** On an open case, files may be its layers or another case: the reader says which, unless they were dropped on a form. */
+  async drop(files: readonly File[], onto: Element | null): Promise<void> {
+    if (!mayWrite.peek() || files.length === 0) return;
+    const viewer = this.viewer.peek();
+    const form = onto?.closest("#add, .add-layer");
+    const answer =
+      !viewer || form?.id === "add" ? "case" : form ? "layer" : await askDropped(viewer.store.shown, files);
+    if (answer === "case") {
+      choose({ list: true });
+      this.upload.drop(files);
+    } else if (answer === "layer" && viewer && !viewer.store.isOver) {
+      const { store } = viewer;
+      choose({ panel: true });
+      unfold("panel.layers", true);
+      store.isAlone.value = false;
+      store.task.value = "images";
+      store.layers.dropped.value = files;
+    }
   }
 
   async made({ id }: Case, wasThere: boolean): Promise<void> {

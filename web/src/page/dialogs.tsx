@@ -3,9 +3,11 @@
 import { type ComponentChildren, render } from "preact";
 
 import { type Holder, type Refusal, isBehindProxy, isByProxy, takeHanded } from "../base/api.ts";
+import { caseIdentity } from "../base/case-words.ts";
 import { h } from "../base/dom.ts";
-import { t, wordsBetween } from "../base/i18n.ts";
+import { number, t, wordsBetween } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
+import type { ReadyCase } from "../model/case.ts";
 import { BINDINGS } from "../model/keys.ts";
 import { preferences } from "../store/preferences.ts";
 import { Button, Icon, Quiet } from "./fields.tsx";
@@ -86,6 +88,22 @@ export const confirmRename = (title: string, name: string): Promise<boolean> =>
     t("rename.text", { title, name }),
     t("rename.keep", { title }),
     t("rename.do", { name }),
+  );
+
+/** What files are that were dropped on an open case: `layer`, `case`, or nothing to be sent. */
+export const askDropped = (shown: ReadyCase, files: readonly File[]): Promise<string> =>
+  open(
+    t("drop.title"),
+    "dropped",
+    [
+      <p>{t("drop.text", { title: caseIdentity(shown), count: number(files.length) })}</p>,
+      <Quiet>{t("drop.hint")}</Quiet>,
+    ],
+    <>
+      <Closing value="" words={t("delete.keep")} />
+      <Closing value="case" words={t("drop.case")} />
+      <Closing value="layer" words={t("drop.layer")} class="primary" autofocus />
+    </>,
   );
 
 /** Which of some volumes are to be added as layers: their numbers, from 0. */

@@ -1,7 +1,7 @@
 // Files that are dropped on the page.
 
-/** Calls `hear` with files that are dropped anywhere on the page, including the files of dropped folders. */
-export function hearDrops(target: HTMLElement, hear: (files: readonly File[]) => void): void {
+/** Calls `hear` with files that are dropped anywhere on the page, including the files of dropped folders, and with what they were dropped on. */
+export function hearDrops(target: HTMLElement, hear: (files: readonly File[], onto: Element | null) => void): void {
   const hasFiles = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
   target.addEventListener("dragover", (event) => {
     if (!hasFiles(event)) return;
@@ -18,8 +18,10 @@ export function hearDrops(target: HTMLElement, hear: (files: readonly File[]) =>
     // The items are gone when the event is over: their entries are taken now.
     const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.() ?? null);
     const plain = [...event.dataTransfer.files];
-    void (entries.some((entry) => entry?.isDirectory) ? filesOf(entries) : Promise.resolve(plain)).then(hear, () =>
-      hear(plain),
+    const onto = event.target instanceof Element ? event.target : null;
+    void (entries.some((entry) => entry?.isDirectory) ? filesOf(entries) : Promise.resolve(plain)).then(
+      (files) => hear(files, onto),
+      () => hear(plain, onto),
     );
   });
 }

@@ -7,7 +7,7 @@ import { caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { keyOf } from "../model/keys.ts";
 import { doubtsOf } from "../model/quality.ts";
-import { PLANE_NAMES, type Plane } from "../model/query.ts";
+import { PLANE_NAMES, type Plane } from "../model/space.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { listAddress } from "../model/worklist.ts";
 import { announced } from "../store/announce.ts";

@@ -1,7 +1,7 @@
 // The section of the panel for the added layers: what they are and how they are placed, which of them are shown, and
 // how another one is added.
 
-import { useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { changeLayer, deleteLayer } from "../base/api.ts";
 import { failureWords } from "../base/case-words.ts";
@@ -18,7 +18,7 @@ import {
   isReady,
 } from "../model/layers.ts";
 import { isLayerId } from "../model/maps.ts";
-import { layersOf } from "../model/state.ts";
+import { allLayersOf } from "../model/state.ts";
 import { announce } from "../store/announce.ts";
 import { askText, confirmDelete } from "./dialogs.tsx";
 import {
@@ -47,7 +47,7 @@ export function LayersSection({ store }: OfStore) {
   const { layers, caseLayers, view } = store;
   const list = caseLayers.list.value;
   const added = list?.layers.filter(isAdded) ?? [];
-  const isShown = layersOf(view.state.value).some(isLayerId);
+  const isShown = allLayersOf(view.state.value).some(isLayerId);
   const change: Do = async (work) => {
     layers.said.value = "";
     const focused = document.activeElement;
@@ -96,8 +96,8 @@ function Item({
 }: OfStore & { readonly layer: Layer; readonly at: number; readonly count: number; readonly change: Do }) {
   const { shown, layers, view } = store;
   const { id, name, kind, unit, state, quality, contrast } = layer;
-  const isGrey = view.state.value.layer?.id === id;
-  const isColoured = view.state.value.overlay?.name === id;
+  const isGrey = view.seen.value.layer?.id === id;
+  const isColoured = view.seen.value.overlay?.name === id;
   const move = (place: number): void => change(() => changeLayer(shown.id, id, { place }));
   const rename = async (): Promise<void> => {
     const wanted = await askText(t("layer.rename", { name }), t("layer.name"), name);
@@ -168,11 +168,13 @@ function AddLayer({ store }: OfStore) {
   const { shown, layers, caseLayers } = store;
   const [chosen, setChosen] = useState<readonly File[]>([]);
   const form = useRef<HTMLFormElement>(null);
+  const box = useRef<HTMLDetailsElement>(null);
   const transfer = useTransfer();
-  const { volumes, labels } = sortLayers(chosen);
-  const chosenWords = chosen.length === 0 ? "" : t("layer.chosen", { count: volumes.length });
+  const { volumes: found, labels: named } = sortLayers(chosen);
+  const chosenWords = chosen.length === 0 ? "" : t("layer.chosen", { count: found.length });
 
-  const send = async (data: FormData): Promise<void> => {
+  const send = async (files: readonly File[], data: FormData): Promise<void> => {
+    const { volumes, labels } = sortLayers(files);
     if (volumes.length === 0) return void (layers.said.value = t("upload.nothing"));
     layers.said.value = "";
     const name = String(data.get("name")).trim();
@@ -180,13 +182,13 @@ function AddLayer({ store }: OfStore) {
     const transform = String(data.get("transform"));
     try {
       await transfer.run(async (signal, observe) => {
-        for (const files of volumes) {
-          const wish = wishOf(files, { ...(name && { name }), ...(kind && { kind }), transform });
+        for (const volume of volumes) {
+          const wish = wishOf(volume, { ...(name && { name }), ...(kind && { kind }), transform });
           const names = caseLayers.list.peek()?.layers.map((one) => one.name) ?? [];
           const named = wish.name && !(name && volumes.length === 1) ? { name: freeName(wish.name, names) } : {};
           const { created, wasThere } = await sendLayer(
             shown.id,
-            files,
+            volume,
             { ...wish, ...named },
             wish.kind === "labels" ? labels : null,
             [signal, observe()],
@@ -202,15 +204,27 @@ function AddLayer({ store }: OfStore) {
     }
   };
 
+  // What was dropped is sent at once, unless other files are on their way.
+  const dropped = layers.dropped.value;
+  useLayoutEffect(() => {
+    if (dropped.length === 0 || !box.current || !form.current) return;
+    layers.dropped.value = [];
+    box.current.open = true;
+    box.current.scrollIntoView({ block: "nearest" });
+    form.current.reset();
+    setChosen(dropped);
+    if (!transfer.isBusy.peek()) void send(dropped, new FormData(form.current));
+  }, [dropped]);
+
   return (
-    <details class="add-layer">
+    <details class="add-layer" ref={box}>
       <summary>{t("layer.add")}</summary>
       <form
         class="layer-form"
         ref={form}
         onSubmit={(event) => {
           event.preventDefault();
-          void send(new FormData(event.currentTarget));
+          void send(chosen, new FormData(event.currentTarget));
         }}
       >
         <Quiet>{t("layer.hint")}</Quiet>
@@ -218,7 +232,7 @@ function AddLayer({ store }: OfStore) {
           <FileInput id="layer-files" words={t("upload.choose-files")} multiple onFiles={setChosen} />
           <FileInput id="layer-folder" words={t("upload.choose-folder")} webkitdirectory onFiles={setChosen} />
         </Row>
-        <Status words={labels ? `${chosenWords} ${t("layer.chosen-labels")}` : chosenWords} />
+        <Status words={named ? `${chosenWords} ${t("layer.chosen-labels")}` : chosenWords} />
         <Line label={t("layer.name")}>
           <input
             type="text"

@@ -5,15 +5,15 @@ import { number, plainNumber, readNumber, t } from "../base/i18n.ts";
 import type { Window } from "../model/case.ts";
 import { type LayerCommand, boundWindow } from "../model/controls.ts";
 import { type LayerOverlay, OVERLAY_COLORMAPS, THRESHOLD_RANGE, isDiverging, isMap, styleOf } from "../model/maps.ts";
-import { COLORMAPS, WINDOW_PRESETS, presetWindow, textureOf } from "../model/state.ts";
+import { COLORMAPS, WINDOW_PRESETS, allLayersOf, lookAt, presetWindow, textureOf } from "../model/state.ts";
 import { writer } from "../panes/map-bar.ts";
 import { perform } from "../store/commands.ts";
 import { Button, Buttons, ChoiceLine, Line, type OfStore, Row, Slider, Typed } from "./fields.tsx";
 
 export function WindowControls({ store }: OfStore) {
-  const { state } = store.view;
-  const { window, colormap } = state.value;
-  const texture = textureOf(state.value, store.shown);
+  const state = store.view.seen.value;
+  const { window, colormap } = state;
+  const texture = textureOf(state, store.shown);
   const isSame = (other: Window): boolean =>
     Math.abs(other.center - window.center) + Math.abs(other.width - window.width) < 1e-3 * window.width;
   const shown = WINDOW_PRESETS.find((preset) => isSame(boundWindow(presetWindow(preset, texture), texture)));
@@ -34,7 +34,7 @@ export function WindowControls({ store }: OfStore) {
         values={COLORMAPS}
         value={colormap}
         words={(name) => t(`colormap.${name}`)}
-        onChoose={(name) => store.change({ colormap: name }, true)}
+        onChoose={(name) => store.changeLook({ colormap: name }, true)}
       >
         <Button onClick={() => perform(store, { kind: "invert" })}>{t("invert")}</Button>
       </ChoiceLine>
@@ -44,18 +44,18 @@ export function WindowControls({ store }: OfStore) {
 
 /** The level or the width, as a slider, which reaches as far as the values of the texture, and as a number in four figures. */
 function WindowPart({ store, part }: OfStore & { readonly part: keyof Window }) {
-  const { state } = store.view;
-  const { window } = state.value;
-  const texture = textureOf(state.value, store.shown);
+  const { seen } = store.view;
+  const { window } = seen.value;
+  const texture = textureOf(seen.value, store.shown);
   const { min, max } = texture.intensity;
   const range = max - min || 1;
   const [low, high] = part === "center" ? [min + 0.5, max + 0.5] : [1 + range / 500, 1 + range];
   const label = t(`window.${part}`);
   const take = (value: number): void => {
     if (Number.isFinite(value) && (part === "center" || value >= 1))
-      store.change({ window: boundWindow({ ...store.view.now.window, [part]: value }, texture) });
+      store.changeLook({ window: boundWindow({ ...seen.peek().window, [part]: value }, texture) });
   };
-  const written = (): string => plainNumber(store.view.now.window[part], 4);
+  const written = (): string => plainNumber(seen.peek().window[part], 4);
   return (
     <Line label={label}>
       <input
@@ -86,9 +86,10 @@ const NONE = { colormap: "hot" } as const;
 
 /** The controls of what lies over the picture, among the maps or among the added layers. */
 export function OverlayControls({ store, isOfMap }: OfStore & { readonly isOfMap: boolean }) {
-  const { overlay: asked } = store.view.state.value;
+  const { seen, place } = store.view;
+  const { overlay: asked } = seen.value;
   // Before a layer is described, nobody knows its range.
-  const overlay = asked && !isMap(asked.name) ? store.layers.drawn.value.overlay : asked;
+  const overlay = asked && !isMap(asked.name) ? lookAt(store.layers.drawn.value, place.value).overlay : asked;
   if (!overlay || isMap(overlay.name) !== isOfMap) return null;
   const { threshold, opacity } = overlay;
   const style = styleOf(overlay);
@@ -96,7 +97,7 @@ export function OverlayControls({ store, isOfMap }: OfStore & { readonly isOfMap
   const [min = 0, max = 1, step = (max - min) / 100] = rangeOf(overlay);
   const set = (change: Partial<LayerOverlay>): void => {
     const { about: _, ...rest } = overlay;
-    store.change({ overlay: { ...rest, ...change } });
+    store.changeLook({ overlay: { ...rest, ...change } });
   };
   const [low = 0, high = 1] = style.window;
   const end = (at: 0 | 1) => (
@@ -161,8 +162,9 @@ function rangeOf({ name, about }: LayerOverlay): readonly number[] {
 }
 
 export function Comparison({ store }: OfStore) {
-  const { layer, overlay, beside, swipe, has_edges, layout } = store.view.state.value;
-  if (!layer && !overlay && !beside) return null;
+  const state = store.view.state.value;
+  const { beside, swipe, has_edges, layout } = state;
+  if (!beside && allLayersOf(state).length === 0) return null;
   // A close-up has its halves already.
   const isCloser = layout === "closer";
   const toggle = (kind: LayerCommand["kind"] & ("swipe" | "edges" | "beside"), isOn: boolean) => (

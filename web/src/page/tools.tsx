@@ -7,7 +7,7 @@ import { type Key, t } from "../base/i18n.ts";
 import type { Command } from "../model/controls.ts";
 import { keyOf } from "../model/keys.ts";
 import { MAP_NAMES, type MapName, isLayerId, isMap } from "../model/maps.ts";
-import { hasSlices, layersOf } from "../model/state.ts";
+import { allLayersOf, hasSlices } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { type OnScreen, copied, copyPicture, savePicture } from "./export.ts";
 import { Button, Buttons, Choice, Icon, IconButton, Menu, type OfStore, Quiet, Row, Status } from "./fields.tsx";
@@ -42,7 +42,7 @@ const Tool = ({ onClick, ...face }: Face & { onClick(): void }) => (
 
 export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
   const { measures, findings, view, caseLayers, isBare, hasHand } = store;
-  const state = view.state.value;
+  const state = view.seen.value;
   const ofKind = (kind: Command["kind"]): string => keyOf((command) => command.kind === kind);
   const ofMap = (name: MapName): string => keyOf((command) => command.kind === "map" && command.name === name);
   const hasFlair = caseLayers.list.value?.layers.some(({ id }) => id === "flair") ?? false;
@@ -118,6 +118,14 @@ export function Tools({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
       <Menu {...menu("maps", faceOf({ icon: "more", words: "tool.more", about: "map.more" }))}>
         <Maps store={store} hasFlair={hasFlair} letterOf={ofMap} />
       </Menu>
+      <Tool
+        icon="series"
+        words="tool.series"
+        about="strip.show"
+        isOn={store.isStripShown.value}
+        letter={ofKind("strip")}
+        onClick={() => perform(store, { kind: "strip" })}
+      />
       <hr class="spring" />
       {(["undo", "redo"] as const).map((kind) => (
         <IconButton
@@ -141,7 +149,7 @@ function Maps({
   hasFlair,
   letterOf,
 }: OfStore & { readonly hasFlair: boolean; letterOf(name: MapName): string }) {
-  const { overlay } = store.view.state.value;
+  const { overlay } = store.view.seen.value;
   const map = overlay && isMap(overlay.name) ? overlay.name : null;
   return (
     <div class="maps">
@@ -156,12 +164,12 @@ function Maps({
           title: name === "none" ? "" : letterOf(name),
         })}
         onChoose={(name) => {
-          if (name === "none") store.change({ overlay: null }, true);
+          if (name === "none") store.changeLook({ overlay: null }, true);
           else if (map !== name) perform(store, { kind: "map", name });
         }}
       />
       {map && <Quiet>{t(`map.${map}.about`)}</Quiet>}
-      {!layersOf(store.view.state.value).some(isLayerId) && <Comparison store={store} />}
+      {!allLayersOf(store.view.state.value).some(isLayerId) && <Comparison store={store} />}
       <OverlayControls store={store} isOfMap />
     </div>
   );

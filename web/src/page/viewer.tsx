@@ -7,7 +7,7 @@ import type { ReadyCase } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
 import { type OfCase, readState, writeAddress } from "../model/fragment.ts";
 import type { Left } from "../model/memory.ts";
-import { hasSlices } from "../model/state.ts";
+import { type Place, hasSlices, placeOf } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { pacsOf, patientWords } from "../base/pacs.ts";
@@ -23,6 +23,7 @@ import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
 import { LoadingLine, Note, Notices, unreadWords } from "./notices.tsx";
 import { spokenWords } from "./spoken.ts";
+import { SeriesStrip, hearSeries } from "./series-strip.tsx";
 import { Tools } from "./tools.tsx";
 
 /** How long the state rests before the address follows it and the depth is read out. */
@@ -87,7 +88,12 @@ export class Viewer {
     this.element = h(
       "div",
       { class: "viewer" },
-      this.#mounted(<Tools store={store} onScreen={() => this.onScreen} />),
+      this.#mounted(
+        <>
+          <Tools store={store} onScreen={() => this.onScreen} />
+          <SeriesStrip store={store} />
+        </>,
+      ),
       this.#mounted(<Notices store={store} />),
       this.#panes,
       this.#mounted(<Explanation />),
@@ -178,6 +184,12 @@ export class Viewer {
     const { store } = this;
     const { view } = store;
     return [
+      ...hearSeries(this.#panes, store, (pane, event) => this.#placeAt(pane, event)),
+      effect(() => {
+        // The pane that controls are about, where there are several.
+        const place = placeOf(view.state.value, view.pane.value);
+        this.#panes.dataset.pane = store.isStripShown.value ? place : "";
+      }),
       effect(() => {
         this.#panes.dispatchEvent(new CustomEvent("view", { detail: view.state.value }));
         // What a sweep has come to rests when it is stopped.
@@ -220,6 +232,14 @@ export class Viewer {
         if (store.looks.value > 0) this.element.scrollIntoView({ block: "start" });
       }),
     ];
+  }
+
+  /** Whose look is seen in a pane, where an event is. */
+  #placeAt(pane: HTMLElement, event: Event): Place {
+    const place = (pane.dataset.pane ?? "all") as Place;
+    if (place !== "surface" || !(event instanceof MouseEvent)) return place;
+    const { left, top } = pane.getBoundingClientRect();
+    return this.#surface.paneAt([event.clientX - left, event.clientY - top]);
   }
 
   /** Components among the elements of the viewer. */

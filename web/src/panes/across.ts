@@ -28,7 +28,7 @@ import { listen } from "./gestures.ts";
 import { overlayWords, titleWords } from "./overlay.ts";
 import { PlanePane } from "./plane-pane.ts";
 import type { Placed } from "./screenshot.ts";
-import { MOST_PIXELS, MOST_SAVED_PIXELS, type Zoomed, dragTheWindow } from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type PlacedByHand, dragTheWindow } from "./slice-parts.ts";
 
 /** How much of the head is seen at first, along the smaller side of the pane. */
 const FIRST_MM = 90;
@@ -57,14 +57,15 @@ export class AcrossPane extends PlanePane {
   /** What the picture that is up shows, and how it lies. */
   #drawn: (Seen & { readonly plane: AcrossPlane | null }) | null = null;
 
-  constructor(store: Store, zoomed: Zoomed, lies: (plane: AcrossPlane | null) => void) {
+  constructor(store: Store, byHand: PlacedByHand, lies: (plane: AcrossPlane | null) => void) {
     const label = t("across.label");
-    super(store, zoomed, {
+    super(store, byHand, {
       name: "across",
       classes: "across",
       label,
       plane: label,
       zoom: (2 * store.shown.envelope_sphere.radius_mm) / FIRST_MM,
+      pane: "across",
       range: { min: -90, max: 90, step: 1, "aria-label": t("across.turn") },
       buttons: [iconButton("close", t("across.close"), () => showAcross(store, null))],
     });
@@ -204,7 +205,7 @@ export class AcrossPane extends PlanePane {
       {
         tap: (place) => this.#tap(place),
         drag: (kind, move) => {
-          if (kind === "window") return dragTheWindow(this.store, move);
+          if (kind === "window") return dragTheWindow(this.store, move, this.pane);
           if (kind === "turn" && this.store.tool) return;
           this.place({ zoom: this.placing.zoom, ...pan(view(), this.shown, move, this.size) });
         },

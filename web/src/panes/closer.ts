@@ -6,17 +6,15 @@ import { effect } from "@preact/signals";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { dragWindow } from "../model/controls.ts";
 import { reflected, sideOf } from "../model/midsagittal.ts";
 import type { Marked } from "../model/marks.ts";
-import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { otherConvention } from "../model/slice-geometry.ts";
-import type { Vec2, Vec3 } from "../model/space.ts";
+import { type Vec3, PLANE_NAMES, type Plane } from "../model/space.ts";
 import { type ViewState, leftOf } from "../model/state.ts";
 import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
 import type { Placed } from "./screenshot.ts";
-import { dragTheWindow } from "./slice-parts.ts";
+import type { SliceRole } from "./slice-parts.ts";
 import { SlicePane } from "./slices.ts";
 
 /** How much of the head is seen at first, along the smaller side of a pane. */
@@ -134,33 +132,28 @@ export class Closer {
 
   #made(plane: Plane, { isLayer, isOpposite }: Omit<ClosePane, "pane">): ClosePane {
     const store = this.#store;
-    const pane = new SlicePane(plane, store, (_, zoom) => this.#zoom(zoom), {
+    const place = isLayer ? "all" : "left";
+    const role: SliceRole = {
       name: `${isOpposite ? "opposite" : "here"}${isLayer ? "-layer" : ""}`,
       isOpposite,
       isLayer,
       zoom: (2 * this.#shown.envelope_sphere.radius_mm) / CLOSE_MM,
       words: (mark) => this.#sideWords(mark, isOpposite),
-      window: (move) => this.#window(move, isLayer),
       move: (position, isDone) => {
         this.#held = isOpposite && !isDone ? position : null;
         store.moveCross(position, isDone);
       },
       scroll: (position) => this.#scroll(position, isOpposite),
+    };
+    const pane = new SlicePane(plane, store, (_, { zoom }, isZoomed) => isZoomed && this.#zoom(zoom), {
+      pane: place,
+      role,
     });
     return { pane, isLayer, isOpposite };
   }
 
   #zoom(zoom: number): void {
     if (preferences.peek().linked_zoom) for (const { pane } of this.#panes) pane.zoomTo(zoom);
-  }
-
-  /** A drag changes the window of the half that it is in: of the case itself, or of the layer. */
-  #window(move: Vec2, isLayer: boolean): void {
-    const { view } = this.#store;
-    const { beside } = view.now;
-    if (isLayer || !beside) return dragTheWindow(this.#store, move);
-    const { window = beside.window } = dragWindow(leftOf(view.now), this.#shown, move, preferences.peek().drag);
-    view.change({ beside: { ...beside, window } });
   }
 
   /** Which side a pane shows: of the other side it is flipped. */

@@ -34,13 +34,13 @@ import {
 } from "../model/flat-map.ts";
 import { ARROWS } from "../model/keys.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
-import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
-import { type Vec2, type Vec3, add, clamp, dot, scale, distance } from "../model/space.ts";
-import { type ViewState, LOOK_KEYS } from "../model/state.ts";
+import { mapQuery, pictureSize } from "../model/query.ts";
+import { type Vec2, type Vec3, add, clamp, dot, scale, distance, PLANES, PLANE_NAMES } from "../model/space.ts";
+import { type ViewState, LOOK_KEYS, stateIn } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
-import { Overlay } from "./overlay.ts";
+import { Overlay, titleWords } from "./overlay.ts";
 import type { Placed } from "./screenshot.ts";
 import { dragTheWindow, turnTheWheel } from "./slice-parts.ts";
 
@@ -121,6 +121,7 @@ export class MapPane {
         tabindex: 0,
         "aria-label": t("flat-map.label"),
         "aria-describedby": "map-keys",
+        "data-pane": "map",
         keydown: (event: KeyboardEvent) => this.#onKey(event),
       },
       this.#image,
@@ -140,7 +141,7 @@ export class MapPane {
 
   show(shown: ViewState): void {
     // The outer discs show both hemispheres, and the inner ones theirs, whichever surface the other pane shows.
-    const state: ViewState = { ...shown, surface: "whole" };
+    const state: ViewState = { ...stateIn(shown, "map"), surface: "whole" };
     this.#state = state;
     const size = this.#size;
     if (size[0] < STEP || size[1] < STEP) return;
@@ -314,7 +315,8 @@ export class MapPane {
     const { state, size } = seen;
     const discs = this.#discs(seen);
     this.#overlay.scale(this.#shown.envelope_sphere.radius_mm / this.#unit(state), size[0]);
-    this.#overlay.title(`${t("layout.map")} · ${depthWords(state)}`);
+    const layer = state.layer ? ` · ${titleWords(state.layer.about)}` : "";
+    this.#overlay.title(`${t("layout.map")} · ${depthWords(state)}${layer}`);
     this.#lines.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
     Object.assign(this.#lines.style, { width: `${size[0]}px`, height: `${size[1]}px` });
     this.#letters.replaceChildren(...discs.flatMap((disc) => this.#lettersOf(disc, size)));
@@ -464,7 +466,7 @@ export class MapPane {
       this.element,
       {
         drag: (kind, move) => {
-          if (kind === "window") dragTheWindow(store, move);
+          if (kind === "window") dragTheWindow(store, move, "map");
           else this.#pan(move);
         },
         pinch: (fingers) => {

@@ -3,9 +3,8 @@
 import { svg } from "../base/dom.ts";
 import type { Sphere } from "../model/case.ts";
 import { type MaskBlock, axesAcross, maskOutline } from "../model/mask.ts";
-import { PLANES } from "../model/query.ts";
 import { type SliceView, slicePixel } from "../model/slice-geometry.ts";
-import { type Vec2, type Vec3, transform } from "../model/space.ts";
+import { type Vec2, type Vec3, transform, PLANES } from "../model/space.ts";
 
 export class MaskLayer {
   readonly #path = svg("path", { "vector-effect": "non-scaling-stroke" });

@@ -8,11 +8,11 @@ import { depthAtWords, positionWords } from "../base/readout.ts";
 import type { Marked } from "../model/marks.ts";
 import { CENTRED, type Lying, type Placing, laid } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import type { ViewState } from "../model/state.ts";
+import type { Place, ViewState } from "../model/state.ts";
 import type { Store } from "../store/store.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
-import type { Zoomed } from "./slice-parts.ts";
+import type { PlacedByHand } from "./slice-parts.ts";
 import { isBesideAnother } from "./slice-words.ts";
 
 interface PaneParts {
@@ -22,6 +22,8 @@ interface PaneParts {
   readonly label: string;
   readonly plane: string;
   readonly zoom: number;
+  /** Whose look it shows. */
+  readonly pane: Place;
   readonly range: { readonly min: number; readonly max: number; readonly step: number; readonly "aria-label": string };
   readonly buttons?: readonly HTMLElement[];
 }
@@ -31,7 +33,8 @@ export abstract class PlanePane {
   readonly name: string;
   protected readonly shown: ReadyCase;
   protected readonly store: Store;
-  protected readonly zoomed: Zoomed;
+  protected readonly byHand: PlacedByHand;
+  protected readonly pane: Place;
   protected readonly image = h("div", { class: "slice-image" });
   /** The picture and what stands on it; its name and its slider lie below. */
   protected readonly frame = h("div", { class: "slice-view" }, this.image);
@@ -48,11 +51,13 @@ export abstract class PlanePane {
   readonly #words: HTMLElement;
   #pointer: Vec2 | null = null;
 
-  constructor(store: Store, zoomed: Zoomed, { name, classes, label, plane, zoom, range, buttons = [] }: PaneParts) {
+  constructor(store: Store, byHand: PlacedByHand, parts: PaneParts) {
+    const { name, classes, label, plane, zoom, pane, range, buttons = [] } = parts;
     this.name = name;
     this.shown = store.shown;
     this.store = store;
-    this.zoomed = zoomed;
+    this.byHand = byHand;
+    this.pane = pane;
     this.home = this.placing = { ...CENTRED, zoom };
     this.range = h("input", {
       type: "range",
@@ -70,9 +75,10 @@ export abstract class PlanePane {
         tabindex: 0,
         "aria-label": label,
         "aria-describedby": this.#words.id,
+        "data-pane": pane,
       },
       this.frame,
-      h("div", { class: "slice-bar" }, this.overlay.line, this.range, enlarge, ...buttons),
+      h("div", { class: "slice-bar" }, this.overlay.line, this.range, ...buttons, enlarge),
       this.#words,
     );
     this.overlay.element.append(this.mapBar.element, this.#hovered);
@@ -166,7 +172,7 @@ export abstract class PlanePane {
   protected place(placing: Placing): void {
     const isZoomed = placing.zoom !== this.placing.zoom;
     this.setPlacing(placing);
-    if (isZoomed) this.zoomed(this.name, placing.zoom);
+    this.byHand(this.name, placing, isZoomed);
   }
 
   protected setPlacing(placing: Placing): void {

@@ -5,8 +5,9 @@ import { computed, effect } from "@preact/signals";
 
 import type { Marked } from "../model/marks.ts";
 import type { AcrossPlane } from "../model/across.ts";
-import { PLANE_NAMES } from "../model/query.ts";
-import type { ViewState } from "../model/state.ts";
+import { PLANE_NAMES, type Plane } from "../model/space.ts";
+import type { Placing } from "../model/slice-geometry.ts";
+import { SLICE_SLOTS, type ViewState, stateIn } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
@@ -21,6 +22,8 @@ export class SliceGroup {
   /** All panes have other sizes now. */
   readonly #resized: () => void;
   #panes: readonly SlicePane[] = [];
+  /** The plane of all panes; null: each has its own. */
+  #plane: Plane | null = null;
   /** The slice across the sulcus, while it is shown. */
   #across: AcrossPane | null = null;
   #marked: readonly Marked[] = [];
@@ -49,9 +52,10 @@ export class SliceGroup {
   }
 
   show(state: ViewState): void {
-    if (this.#panes.length === 0) this.#make();
+    if (this.#panes.length === 0 || this.#plane !== state.plane) this.#make(state.plane);
     this.#meetAcross(state);
-    for (const pane of this.#all) pane.show(state);
+    for (const [at, slot] of SLICE_SLOTS.entries()) this.#panes[at]?.show(stateIn(state, slot));
+    this.#across?.show(stateIn(state, "across"));
   }
 
   get #all(): readonly (SlicePane | AcrossPane)[] {
@@ -70,7 +74,7 @@ export class SliceGroup {
       const lies = (plane: AcrossPlane | null): void => {
         for (const one of this.#panes) one.trace(plane);
       };
-      const pane = (this.#across = new AcrossPane(this.#store, this.#zoomed, lies));
+      const pane = (this.#across = new AcrossPane(this.#store, this.#placed, lies));
       this.element.append(pane.element);
       pane.outline(this.#isOutlined);
       pane.mark(this.#marked);
@@ -111,11 +115,26 @@ export class SliceGroup {
     for (const pane of this.#all) pane.dispose();
   }
 
-  /** The panes are made when they are first shown. */
-  #make(): void {
+  /** The panes are made when they are first shown, and when their planes are others. */
+  #make(one: Plane | null): void {
     const store = this.#store;
-    this.#panes = PLANE_NAMES.map((plane) => new SlicePane(plane, store, this.#zoomed));
-    this.element.append(...this.#panes.map(({ element }) => element));
+    const before = this.#panes;
+    const focused = before.findIndex(({ element }) => element === document.activeElement);
+    this.#plane = one;
+    this.#panes = SLICE_SLOTS.map((pane, at) => {
+      const plane = one ?? PLANE_NAMES[at] ?? "axial";
+      const number = one && at > 0 ? ` ${at + 1}` : "";
+      return new SlicePane(plane, store, this.#placed, { pane, number });
+    });
+    if (one) for (const pane of this.#panes) pane.siblings = this.#panes.filter((other) => other !== pane);
+    const zoom = before[0]?.zoom ?? 1;
+    if (preferences.peek().linked_zoom) for (const pane of this.#panes) pane.zoomTo(zoom);
+    for (const pane of before) {
+      pane.dispose();
+      pane.element.remove();
+    }
+    this.element.prepend(...this.#panes.map(({ element }) => element));
+    this.#panes[focused]?.element.focus();
     const mask = store.mask.peek();
     for (const pane of this.#panes) {
       if (mask) pane.lay(new MaskLayer(mask));
@@ -125,8 +144,12 @@ export class SliceGroup {
     }
   }
 
-  readonly #zoomed = (from: string, zoom: number): void => {
-    if (preferences.peek().linked_zoom) this.#zoom(zoom, from);
+  /** Slices in one plane lie alike; the others are enlarged alike. */
+  readonly #placed = (from: string, placing: Placing, isZoomed: boolean): void => {
+    if (!preferences.peek().linked_zoom) return;
+    const isOfPlane = this.#plane !== null && from !== this.#across?.name;
+    if (isOfPlane) for (const pane of this.#panes) if (pane.name !== from) pane.lieAs(placing);
+    if (isZoomed) this.#zoom(placing.zoom, from);
   };
 
   #zoom(zoom: number, from = ""): void {

@@ -2,6 +2,8 @@
 
 import { dragWindow, wheelZoom } from "../model/controls.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
+import type { Placing } from "../model/slice-geometry.ts";
+import { type Place, lookAt } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import { preferences } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
@@ -19,19 +21,20 @@ export interface SliceRole {
   readonly zoom: number;
   /** The side on which a place is. */
   words(position_in_patient: Vec3): string;
-  window(move: Vec2): void;
   /** The cross is put here; `isDone` when the hand has left. */
   move(position_in_patient: Vec3, isDone: boolean): void;
   /** The wheel, a key or the slider brings another slice, and the cross with it. */
   scroll(position_in_patient: Vec3): void;
 }
 
-/** Hears that a hand has enlarged a slice: the others follow. */
-export type Zoomed = (from: string, zoom: number) => void;
+/** Hears that a hand has placed a slice: the others follow. */
+export type PlacedByHand = (from: string, placing: Placing, isZoomed: boolean) => void;
 
-/** A drag with the right button changes the window of what is shown. */
-export const dragTheWindow = ({ view, shown }: Store, move: Vec2): void =>
-  view.change(dragWindow(view.now, shown, move, preferences.peek().drag));
+/** A drag with the right button changes the window of what a pane shows. */
+export function dragTheWindow({ view, shown }: Store, move: Vec2, pane: Place): void {
+  const seen = { ...view.now, ...lookAt(view.now, pane) };
+  view.changeLook(dragWindow(seen, shown, move, preferences.peek().drag), false, pane);
+}
 
 /** The wheel zooms or goes to another depth, as is preferred; with alt it does the other. A pinch on a touchpad comes with the control key. */
 export function turnTheWheel(

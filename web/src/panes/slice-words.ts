@@ -3,8 +3,7 @@
 import { t } from "../base/i18n.ts";
 import { voxelAt } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { PLANES, type Plane } from "../model/query.ts";
-import type { Vec3 } from "../model/space.ts";
+import { type Vec3, PLANES, type Plane } from "../model/space.ts";
 import { type ViewState, edgesLayer } from "../model/state.ts";
 import { overlayWords, titleWords } from "./overlay.ts";
 

@@ -1,18 +1,21 @@
 // One slice with the outline of the cut, its cursor and its control.
 
-import { h, setValue } from "../base/dom.ts";
+import { effect } from "@preact/signals";
+
+import { h, icon, iconButton, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { coordinate } from "../base/readout.ts";
 import { STILL_PIXELS, listen } from "./gestures.ts";
 import { thresholdWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { reflected } from "../model/midsagittal.ts";
-import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
+import { outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
 import { wheelZoom } from "../model/controls.ts";
 import { type Marked, sliceMarks } from "../model/marks.ts";
 import {
   CENTRED,
   followedSlice,
+  type Placing,
   type SliceView,
   isFlipped,
   movedSlice,
@@ -25,12 +28,13 @@ import {
   withinReach,
   zoomedSlice,
 } from "../model/slice-geometry.ts";
-import { type Vec2, type Vec3, add, subtract } from "../model/space.ts";
-import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
+import { type Vec2, type Vec3, add, subtract, PLANES, type Plane } from "../model/space.ts";
+import { type Place, type Slot, type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
+import { perform } from "../store/commands.ts";
 import type { Store } from "../store/store.ts";
 import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
-import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceRole, type Zoomed, dragTheWindow } from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type PlacedByHand, type SliceRole, dragTheWindow } from "./slice-parts.ts";
 import type { MaskLayer } from "./mask-layer.ts";
 import { PlanePane } from "./plane-pane.ts";
 import { edgesWords, imageWords } from "./slice-words.ts";
@@ -45,6 +49,12 @@ interface Seen {
   readonly view: SliceView;
 }
 
+interface SliceOptions {
+  readonly pane: Place;
+  readonly number?: string;
+  readonly role?: SliceRole | null;
+}
+
 export class SlicePane extends PlanePane {
   readonly plane: Plane;
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
@@ -55,21 +65,35 @@ export class SlicePane extends PlanePane {
   #across: AcrossPlane | null = null;
   /** The mark that the slice was brought to, or that was put here by a hand. */
   #followed: Vec3 | null = null;
+  /** The others in its plane, which follow a mark as it does. */
+  siblings: readonly SlicePane[] = [];
   /** What the picture that is up shows. */
   #drawn: Seen | null = null;
+  readonly #end: () => void;
   /** The marks that are drawn, and where. */
   #laid: { readonly marked: readonly Marked[]; readonly where: string } | null = null;
 
-  constructor(plane: Plane, store: Store, zoomed: Zoomed, role: SliceRole | null = null) {
+  /** `number` distinguishes it from others in its plane. */
+  constructor(plane: Plane, store: Store, byHand: PlacedByHand, { pane, number = "", role = null }: SliceOptions) {
     const words = t(`plane.${plane}`);
     const [min, max] = reachOf(store.shown, PLANES[plane].axis);
-    super(store, zoomed, {
-      name: role ? `${plane}-${role.name}` : plane,
+    const play = iconButton("play", t("cine.play", { plane: words }), () => perform(store, { kind: "cine", plane }));
+    play.dataset.cine = plane;
+    super(store, byHand, {
+      name: role ? `${plane}-${role.name}` : `${plane}${number}`,
       classes: role ? `${plane} ${role.name}` : plane,
-      label: t("slice.label", { plane: words }),
+      label: `${t("slice.label", { plane: words })}${number}`,
       plane: words,
+      pane,
       zoom: role?.zoom ?? CENTRED.zoom,
       range: { min, max, step: 0.5, "aria-label": t("slice.position", { plane: words }) },
+      buttons: role ? [] : [play],
+    });
+    this.element.dataset.plane = plane;
+    this.#end = effect(() => {
+      const isRunning = store.cine.plane.value === plane;
+      play.replaceChildren(icon(isRunning ? "pause" : "play"));
+      play.setAttribute("aria-pressed", String(isRunning));
     });
     this.plane = plane;
     this.#role = role;
@@ -154,6 +178,7 @@ export class SlicePane extends PlanePane {
   }
 
   dispose(): void {
+    this.#end();
     this.#picture.stop();
   }
 
@@ -213,9 +238,14 @@ export class SlicePane extends PlanePane {
     const place = `${coordinate(position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
     const layer = this.#role ? state.layer?.about?.title : state.layer && titleWords(state.layer.about);
-    const own = this.#role && !this.#role.isLayer ? t("value.own") : "";
+    // Where panes show several series, each names its own.
+    const isOwn = this.#role ? !this.#role.isLayer : Object.keys(state.panes).length > 0 && !state.overlay;
+    const own = isOwn ? t("value.own") : "";
     const image = layer && !edges ? layer : own || imageWords(this.shown, this.plane, this.#center(state));
-    const over = this.#role?.isLayer && state.overlay && !edges ? thresholdWords(state.overlay) : "";
+    const over =
+      (this.#role?.isLayer || state.panes[this.pane as Slot]) && state.overlay && !edges
+        ? thresholdWords(state.overlay)
+        : "";
     const convention = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
     const badge = this.#role ? this.#role.words(this.#center(state)) : convention;
     const more = [image, over, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");
@@ -293,16 +323,22 @@ export class SlicePane extends PlanePane {
     const position = this.#center(this.state).map((value, axis) =>
       axis === PLANES[this.plane].axis ? position_mm : value,
     );
-    this.#followed = withinReach(this.shown, position as unknown as Vec3);
-    if (this.#role) this.#role.scroll(this.#followed);
-    else this.store.moveCross(this.#followed, false);
+    const within = withinReach(this.shown, position as unknown as Vec3);
+    this.#stay(within);
+    if (this.#role) this.#role.scroll(within);
+    else this.store.moveCross(within, false);
   }
 
   /** A hand puts the mark here: the slice stays as it lies. */
   #move(position: Vec3, done: boolean): void {
-    this.#followed = position;
+    this.#stay(position);
     if (this.#role) this.#role.move(position, done);
     else this.store.moveCross(position, done);
+  }
+
+  /** Slices in one plane lie alike: a hand that marks in one of them moves none. */
+  #stay(mark: Vec3): void {
+    for (const one of [this, ...this.siblings]) one.#followed = mark;
   }
 
   #step(steps: number): void {
@@ -314,6 +350,12 @@ export class SlicePane extends PlanePane {
     if (mark === this.#followed || !this.state || this.frame.clientWidth === 0) return;
     this.#followed = mark;
     if (mark) this.placing = followedSlice(this.#view(this.state), this.shown, mark);
+  }
+
+  /** Lies as another one in its plane does. */
+  lieAs(placing: Placing): void {
+    const { zoom, pan_mm } = this.placing;
+    if (zoom !== placing.zoom || pan_mm.some((one, at) => one !== placing.pan_mm[at])) this.setPlacing(placing);
   }
 
   /** Enlarges the slice as another one was: about the mark if there is one, else about its middle. */
@@ -374,7 +416,7 @@ export class SlicePane extends PlanePane {
         },
         cancel: () => (at = pulled = null),
         drag: (kind, move, place) => {
-          if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.store, move);
+          if (kind === "window") return dragTheWindow(this.store, move, this.pane);
           if (kind === "pan") {
             if (this.state) this.place(movedSlice(this.#view(this.state), this.shown, move));
             return;
@@ -428,7 +470,7 @@ export class SlicePane extends PlanePane {
       }
       if (event.key === "Home") {
         this.center();
-        this.zoomed(this.name, this.placing.zoom);
+        this.byHand(this.name, this.placing, true);
         event.preventDefault();
         return;
       }

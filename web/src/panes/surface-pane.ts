@@ -10,7 +10,17 @@ import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
 import { type SideSeen, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
 import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
+import {
+  type HalfLook,
+  type Place,
+  type ViewState,
+  isHalved,
+  isMirrored,
+  isStacked,
+  leftOf,
+  stateIn,
+  viewSize,
+} from "../model/state.ts";
 import { type SurfaceName, isHalf, isPart, mirroredSurface } from "../model/surfaces.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
@@ -71,6 +81,7 @@ export class SurfacePane {
         tabindex: 0,
         "aria-label": t("surface.label"),
         "aria-describedby": "surface-keys",
+        "data-pane": "surface",
       },
       this.host,
     );
@@ -104,8 +115,9 @@ export class SurfacePane {
   }
 
   draw(state: ViewState, moving: boolean): void {
-    this.surface.draw(state, moving);
-    this.#tellAwaited(state);
+    const seen = stateIn(state, "surface");
+    this.surface.draw(seen, moving);
+    this.#tellAwaited(seen);
   }
 
   /** The size of the picture of one view: beside the mirrored one a half of the pane. */
@@ -127,10 +139,16 @@ export class SurfacePane {
   }
 
   /** The surface and the layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
-  get layers(): Pick<ViewState, "surface" | "layer" | "overlay" | "window" | "beside"> {
+  get layers(): Pick<ViewState, "surface" | "beside" | keyof HalfLook> {
     const none = { layer: null, overlay: null, beside: null } as const;
-    const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#store.view.now, ...none };
-    return { surface, layer, overlay, window, beside };
+    const now = this.#now;
+    const { surface, layer, overlay, window, beside, colormap } = this.#drawn ?? { ...now, ...none };
+    return { surface, layer, overlay, window, beside, colormap };
+  }
+
+  /** The state with the pane's own series. */
+  get #now(): ViewState {
+    return stateIn(this.#store.view.now, "surface");
   }
 
   async picture(ratio: number): Promise<CanvasImageSource> {
@@ -162,7 +180,9 @@ export class SurfacePane {
     const { beside } = state;
     for (const [at, overlay] of [this.#overlay, this.#otherOverlay].entries()) {
       overlay.letter(edgesOf(state.orientation));
-      const badge = beside ? lookWords(at > 0 ? state : beside) : "";
+      // Where panes show several series, each names its own; the bars name the others.
+      const isOwn = Object.keys(state.panes).length > 0 && !state.layer && !state.overlay;
+      const badge = beside ? lookWords(at > 0 ? state : beside) : isOwn ? t("value.own") : "";
       overlay.title(titleOf(state, state.orientation), badge);
       overlay.scale(mm_per_pixel, width);
       overlay.divide(state.swipe);
@@ -309,6 +329,12 @@ export class SurfacePane {
     return this.pick([clientX - box.left, clientY - box.top]);
   }
 
+  /** Whose look is seen at a place of the pane. */
+  paneAt([x]: Vec2): Place {
+    const state = this.#store.view.now;
+    return state.beside && x < viewSize(state, this.#whole)[0] ? "left" : "surface";
+  }
+
   /** A place of the pane within its half. */
   #inHalf(place: Vec2): Vec2 {
     const [width, height] = this.size();
@@ -323,10 +349,10 @@ export class SurfacePane {
     const store = this.#store;
     const { view } = store;
     return {
-      drag: (kind, move) => {
+      drag: (kind, move, place) => {
         if (kind === "turn") view.change(turn(view.now, move, this.size()));
         else if (kind === "pan") view.change(pan(view.now, this.#shown, move, this.size()));
-        else dragTheWindow(store, move);
+        else dragTheWindow(store, move, this.paneAt(place));
       },
       pinch: (fingers) => view.change(pinch(view.now, this.#shown, fingers, this.size())),
       wheel: (pixels, notches, place, event) =>

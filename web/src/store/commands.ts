@@ -5,9 +5,10 @@ import { positionWords } from "../base/readout.ts";
 import { changeOf, laidOut, otherSide } from "../model/commands.ts";
 import type { ChangingCommand, Command, LayerCommand } from "../model/controls.ts";
 import { findingAt } from "../model/findings.ts";
+import { nextOf } from "../model/layers.ts";
 import type { MapName } from "../model/maps.ts";
-import type { Vec2 } from "../model/space.ts";
-import { type Layout, type ViewState, hasSlices } from "../model/state.ts";
+import { PLANE_NAMES, type Vec2 } from "../model/space.ts";
+import { type Layout, type ViewState, hasSlices, isMirrored } from "../model/state.ts";
 import { announce, note } from "./announce.ts";
 import { goToRow, showEvidence } from "./bring.ts";
 import { mayWrite } from "./holder.ts";
@@ -102,7 +103,7 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   window: change,
   map: (store, command) => {
     change(store, command);
-    if (store.view.now.overlay?.name === command.name) void notePlaces(store, command.name);
+    if (store.view.seen.peek().overlay?.name === command.name) void notePlaces(store, command.name);
   },
   surface: change,
   invert: change,
@@ -116,6 +117,26 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   nudge: (store, command) => {
     store.task.value = "images";
     ofLayers(store, command);
+  },
+  series: ({ layers, view }, { id, pane = view.pane.peek() }) =>
+    id === undefined ? layers.nextSeries(pane) : layers.showSeries(id, pane),
+  alike: ({ layers }) => layers.alike(),
+  strip: ({ hasStrip, isStripShown }) => (hasStrip.value = !isStripShown.peek()),
+  plane: (store, { plane: wanted }) => {
+    const { view, large } = store;
+    if (!hasSlices(view.now)) showSlices(store);
+    const plane = wanted === undefined ? nextOf(PLANE_NAMES, view.now.plane) : wanted === "three" ? null : wanted;
+    large.value = null;
+    view.change({ plane }, true);
+    note(plane ? t("plane.said", { plane: t(`plane.${plane}`) }) : t("plane.three-said"));
+  },
+  cine: (store, { plane }) => {
+    const { view, cine } = store;
+    const isCloser = view.now.layout === "closer";
+    if (!hasSlices(view.now) && !isCloser) showSlices(store);
+    store.sweep.stop();
+    cine.toggle(plane ?? (isCloser ? null : view.now.plane) ?? view.slice.peek());
+    announce(t(cine.plane.peek() ? "cine.begun" : "cine.ended"));
   },
   // The page's own.
   help: () => {},
@@ -154,8 +175,10 @@ function change(store: Store, command: ChangingCommand): void {
     store.point.picked = null;
     store.centred.value += 1;
   }
-  const { change: made, isStep } = changeOf(command, view.now, store.shown, store.size);
-  view.change(made, isStep);
+  const { change: made, isStep } = changeOf(command, view.seen.peek(), store.shown, store.size);
+  const isOfLook = command.kind === "window" || command.kind === "map" || command.kind === "invert";
+  if (isOfLook) view.changeLook(made, isStep);
+  else view.change(made, isStep);
   if (command.kind === "surface") announce(t(`surface.${view.now.surface}-said`));
   if (command.kind === "view") announce(t(`view.${command.name}`));
   if (command.kind === "window") announce(t("window.said", { name: t(`window.${command.preset}`) }));
@@ -168,6 +191,9 @@ export function setLayout(store: Store, layout: Layout): void {
   announce(t(`layout.${layout}`));
   store.looks.value += 1;
 }
+
+/** Shows slices beside what is shown. */
+const showSlices = (store: Store): void => setLayout(store, isMirrored(store.view.now) ? "both" : "slices");
 
 /** Shows the close-up of the marked place. */
 function lookCloser(store: Store): void {

@@ -4,8 +4,16 @@ import { signal } from "@preact/signals";
 
 import { keep, keptText } from "../base/kept.ts";
 import { number, t } from "../base/i18n.ts";
-import { MOST_LAYOUTS, type SavedLayout, boundName, readLayouts, recalled, savedAs } from "../model/saved-layouts.ts";
-import { announce } from "./announce.ts";
+import {
+  MOST_LAYOUTS,
+  type SavedLayout,
+  boundName,
+  missingOf,
+  readLayouts,
+  recalled,
+  savedAs,
+} from "../model/saved-layouts.ts";
+import { announce, note } from "./announce.ts";
 import type { Store } from "./store.ts";
 
 const KEY = "isocortex-layouts";
@@ -19,6 +27,8 @@ globalThis.addEventListener?.("storage", ({ key }: StorageEvent) => {
   if (key === KEY) savedLayouts.value = stored();
 });
 
+const layersOf = ({ caseLayers }: Store) => caseLayers.list.peek()?.layers ?? [];
+
 function take(layouts: readonly SavedLayout[]): void {
   savedLayouts.value = layouts;
   keep("localStorage", KEY, layouts);
@@ -31,8 +41,12 @@ export function recallLayout(store: Store, at: number): void {
   const { now } = store.view;
   // A close-up needs a mark, and comes with the panes as they are before it.
   if (saved.layout === "closer" && !now.crosshair_mm) return announce(t("closer.unmarked"));
-  store.change(recalled(saved, now, store.shown), true);
+  const layers = layersOf(store);
+  store.large.value = null;
+  store.change(recalled(saved, now, store.shown, layers), true);
   announce(t("layouts.shown", { name: saved.name }));
+  const names = missingOf(saved, store.shown, layers).map((one) => one.toUpperCase());
+  if (names.length > 0) note(t("strip.missing", { names: names.join(", ") }));
 }
 
 /** Saves the layout that is shown under a name; what there is to say about it. */
@@ -42,7 +56,7 @@ export function saveLayout(store: Store, typed: string): string {
   const before = layouts.findIndex((one) => one.name === name);
   if (name === "") return t("layouts.unnamed");
   if (before < 0 && layouts.length >= MOST_LAYOUTS) return t("layouts.full");
-  const saved = savedAs(name, store.view.now);
+  const saved = savedAs(name, store.view.now, layersOf(store));
   // Of the same name, in the same place.
   take(before < 0 ? [...layouts, saved] : layouts.with(before, saved));
   return t("layouts.saved", { name });

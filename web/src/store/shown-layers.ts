@@ -2,9 +2,9 @@
 
 import { type ReadonlySignal, computed, effect, signal, untracked } from "@preact/signals";
 
-import type { NamedValue } from "../base/readout.ts";
+import { type NamedValue, paneWords } from "../base/readout.ts";
 import { t } from "../base/i18n.ts";
-import type { Change, LayerCommand } from "../model/controls.ts";
+import type { LayerCommand } from "../model/controls.ts";
 import {
   type Layer,
   type LayerList,
@@ -15,22 +15,30 @@ import {
   overlayOf,
   styleOfLayer,
 } from "../model/layers.ts";
-import { type LayerOverlay, isLayerId, isMap, styleOfMap, toggled } from "../model/maps.ts";
+import { type LayerOverlay, MAP_NAMES, firstOverlay, isLayerId, isMap, styleOfMap, toggled } from "../model/maps.ts";
 import {
   type HalfLook,
   type Layout,
+  type PaneLook,
+  type Place,
+  type Slot,
   type ViewState,
+  allLayersOf,
   bareOf,
   halfOf,
   hasSlices,
   isMirrored,
-  layersOf,
+  lookAt,
+  placeOf,
+  withLook,
 } from "../model/state.ts";
 import type { Affine, Vec3 } from "../model/space.ts";
 import { note } from "./announce.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { View } from "./view.ts";
 
+/** So many layers can be drawn with at once. */
+const MOST_SHOWN = 8;
 /** Twice a second there, twice away. */
 const BLINK_MS = 250;
 
@@ -46,6 +54,8 @@ export class ShownLayers {
   readonly moved = signal<Affine | null>(null);
   /** Counts how often a key asked to move the layer by hand. */
   readonly nudges = signal(0);
+  /** Files that were dropped on the case, to be added to it. */
+  readonly dropped = signal<readonly File[]>([]);
   /** What became of a layer. */
   readonly said = signal("");
   readonly #view: View;
@@ -65,13 +75,15 @@ export class ShownLayers {
     this.#complain = complain;
     this.drawn = computed(() => this.#drawnOf(view.state.value));
     this.shownId = computed(() => {
-      const { layer, overlay } = view.state.value;
-      return layer?.id ?? (overlay && isLayerId(overlay.name) ? overlay.name : null);
+      const ids = [view.state.value, view.seen.value].map(
+        ({ layer, overlay }) => layer?.id ?? (overlay && isLayerId(overlay.name) ? overlay.name : null),
+      );
+      return ids.find((id) => id !== null) ?? null;
     });
-    const names = computed(() => layersOf(view.state.value).join());
+    const names = computed(() => allLayersOf(view.state.value).join());
     const isShown = computed(() => {
-      const { layer, overlay, beside } = view.state.value;
-      return layer !== null || overlay !== null || beside !== null;
+      const { beside } = view.state.value;
+      return beside !== null || allLayersOf(view.state.value).length > 0;
     });
     this.#ends = [
       effect(() => {
@@ -96,17 +108,17 @@ export class ShownLayers {
 
   /** Shows a layer that is ready as the texture; null: the case's own intensities. */
   grey(id: string | null): void {
-    const change = this.asGrey(id);
-    if (change) this.#view.change(change, true);
+    const change = this.asGrey(id, this.#view.seen.peek());
+    if (change) this.#view.changeLook(change, true);
   }
 
   /** The change to a layer as the texture, with the window that it was left with; null if it is not ready. */
-  asGrey(id: string | null): Change | null {
+  asGrey(id: string | null, before: HalfLook = this.#view.now): Pick<HalfLook, "layer" | "window"> | null {
     const found = id === null ? null : this.#layers.ready(id);
     const layer = (found && greyOf(found)) ?? null;
     if (id !== null && !layer) return null;
-    const { now, windows, shown } = this.#view;
-    windows.set(now.layer?.id ?? "", now.window);
+    const { windows, shown } = this.#view;
+    windows.set(before.layer?.id ?? "", before.window);
     return { layer, window: windows.get(id ?? "") ?? (layer ?? shown).intensity.window };
   }
 
@@ -114,20 +126,73 @@ export class ShownLayers {
   colours(id: string | null): void {
     const found = id === null ? null : this.#layers.ready(id);
     if (id !== null && !found) return;
-    this.#view.change({ overlay: found ? toggled(this.#view.now.overlay, overlayOf(found)) : null }, true);
+    const { overlay } = this.#view.seen.peek();
+    this.#view.changeLook({ overlay: found ? toggled(overlay, overlayOf(found)) : null }, true);
+  }
+
+  /** What can be shown in a pane: the case itself, which has no id, then what was added, then the maps. */
+  get series(): readonly Series[] {
+    const ready = this.#layers.list.value?.layers.filter(isReady) ?? [];
+    const maps = MAP_NAMES.filter((name) => ready.some(({ id }) => id === name));
+    return [
+      { id: "", name: t("value.own") },
+      ...ready.filter(isAdded).map(({ id, name }) => ({ id, name })),
+      ...maps.map((id) => ({ id, name: t(`map.${id}`) })),
+    ];
+  }
+
+  /** Shows a series in a pane, or in all panes without one of their own; the others stay as they are. */
+  showSeries(id: string, pane: Place | null): void {
+    const { now } = this.#view;
+    const place = placeOf(now, pane);
+    const before = lookAt(now, place);
+    const look = this.#lookOf(id, before);
+    const name = this.series.find((one) => one.id === id)?.name;
+    if (!look || name === undefined) return note(t("layers.none-ready"));
+    const change = withLook(now, place, look);
+    if (allLayersOf({ ...now, ...change }).length > MOST_SHOWN) return note(t("strip.too-many"));
+    this.#view.change({ ...change, ...(place !== "left" && { swipe: null }) }, true);
+    note(t("strip.said", { name, pane: paneWords(now, place) }));
+  }
+
+  /** Shows the next of what can be shown in a pane. */
+  nextSeries(pane: Place | null): void {
+    const ids = this.series.map(({ id }) => id);
+    const shown = seriesOf(lookAt(this.#view.now, placeOf(this.#view.now, pane)));
+    if (ids.length < 2) return note(t("layers.none-ready"));
+    this.showSeries(nextOf(ids, shown) ?? "", pane);
+  }
+
+  /** Shows the same in all panes. */
+  alike(): void {
+    this.#view.change({ panes: {} }, true);
+    note(t("strip.alike-said"));
+  }
+
+  /** How a series is shown at first, or as it was left, in the place of another one; null if it is not ready. */
+  #lookOf(id: string, before: HalfLook): HalfLook | null {
+    const { now, windows, shown } = this.#view;
+    for (const { layer, window } of [before, now]) windows.set(layer?.id ?? "", window);
+    const found = id === "" ? null : this.#layers.ready(id);
+    if (id !== "" && !found) return null;
+    const layer = (found && !isMap(id) && greyOf(found)) || null;
+    const overlay = !found || layer ? null : isMap(id) ? firstOverlay(id) : overlayOf(found);
+    const window = windows.get(layer?.id ?? "") ?? (layer ?? shown).intensity.window;
+    return { layer, overlay, window, colormap: now.colormap };
   }
 
   /** The values at a position of the layers that are shown, as far as their voxels are here. */
   valuesAt(position: Vec3): readonly NamedValue[] {
-    const { layer, overlay } = this.drawn.value;
     const isHere = this.#layers.here.value;
-    const shown = [
-      layer && { id: layer.id, name: layer.about?.title ?? "", moved: layer.moved },
-      overlay && { id: overlay.name, name: overlayName(overlay), moved: overlay.moved },
-    ];
-    return shown.flatMap((one) => {
-      const value = one && !one.moved && isHere.has(one.id) ? this.#layers.valueAt(one.id, position) : undefined;
-      return one && value !== undefined ? [{ name: one.name, value }] : [];
+    const looks: readonly HalfLook[] = [this.drawn.value, ...Object.values(this.drawn.value.panes)];
+    const shown = looks.flatMap(({ layer, overlay }) => [
+      ...(layer ? [{ id: layer.id, name: layer.about?.title ?? "", moved: layer.moved }] : []),
+      ...(overlay ? [{ id: overlay.name, name: overlayName(overlay), moved: overlay.moved }] : []),
+    ]);
+    const each = new Map(shown.map((one) => [one.id, one]));
+    return [...each.values()].flatMap(({ id, name, moved }) => {
+      const value = !moved && isHere.has(id) ? this.#layers.valueAt(id, position) : undefined;
+      return value !== undefined ? [{ name, value }] : [];
     });
   }
 
@@ -135,7 +200,7 @@ export class ShownLayers {
     const { now } = this.#view;
     const isCloser = now.layout === "closer";
     if (kind === "grey" || kind === "colours") return this.#next(kind);
-    if (!now.layer && !now.overlay && !now.beside) return note(t("layers.none-shown"));
+    if (!now.beside && allLayersOf(now).length === 0) return note(t("layers.none-shown"));
     switch (kind) {
       case "nudge":
         return void (this.nudges.value += 1);
@@ -187,11 +252,11 @@ export class ShownLayers {
       this.#wanted = how;
       return this.#ask();
     }
-    const { now } = this.#view;
+    const seen = this.#view.seen.peek();
     const ready = list.layers.filter((layer) => isAdded(layer) && isReady(layer));
     const usable = how === "grey" ? ready.filter((layer) => greyOf(layer)) : ready;
     if (usable.length === 0) return note(t("layers.none-ready"));
-    const shown = how === "grey" ? now.layer?.id : now.overlay?.name;
+    const shown = how === "grey" ? seen.layer?.id : seen.overlay?.name;
     const ids = usable.map(({ id }) => id);
     const id = nextOf(ids, shown !== undefined && ids.includes(shown) ? shown : null);
     if (how === "grey") this.grey(id);
@@ -205,6 +270,15 @@ export class ShownLayers {
   // -- What is drawn
 
   #drawnOf(state: ViewState): ViewState {
+    const slots = Object.entries(state.panes) as [Slot, PaneLook][];
+    const panes = slots.map(([slot, own]) => {
+      const { bare_window, swipe, has_edges, ...rest } = this.#drawnPane({ ...state, ...own, beside: null });
+      return [slot, { ...halfOf(rest), bare_window, swipe, has_edges }];
+    });
+    return { ...this.#drawnPane(state), ...(slots.length > 0 && { panes: Object.fromEntries(panes) }) };
+  }
+
+  #drawnPane(state: ViewState): ViewState {
     const { beside } = state;
     const right = this.#known(state);
     const drawn = this.#placed(beside ? { ...right, beside: this.#known(beside), swipe: null } : right);
@@ -237,7 +311,7 @@ export class ShownLayers {
   #placed(state: ViewState): ViewState {
     const moved = this.moved.value;
     const { layer, overlay } = state;
-    if (!moved) return state;
+    if (!moved || this.shownId.value !== (layer?.id ?? overlay?.name)) return state;
     const origin = t("nudge.origin");
     if (layer) return { ...state, layer: { ...layer, moved, about: { title: "", ...layer.about, origin } } };
     return overlay?.about ? { ...state, overlay: { ...overlay, moved, about: { ...overlay.about, origin } } } : state;
@@ -251,7 +325,14 @@ export class ShownLayers {
     untracked(() => {
       const right = this.#settled(state, list);
       const left = state.beside && this.#settled(state.beside, list);
-      if (right || left) this.#view.change({ ...right, ...(left && { beside: left }) });
+      const panes = Object.entries(state.panes).map(([slot, own]) => [slot, this.#settled(own, list) ?? own]);
+      const isNew = panes.some(([slot, own]) => state.panes[slot as Slot] !== own);
+      if (right || left || isNew)
+        this.#view.change({
+          ...right,
+          ...(left && { beside: left }),
+          ...(isNew && { panes: Object.fromEntries(panes) }),
+        });
       const wanted = this.#wanted;
       this.#wanted = null;
       if (wanted) this.#next(wanted);
@@ -276,6 +357,16 @@ export class ShownLayers {
     return { ...halfOf(half), layer, ...(isUnsaid && { window: layer.intensity.window }) };
   }
 }
+
+/** What can be shown in a pane. */
+export interface Series {
+  /** The name of a map or the id of a layer; empty: the case itself. */
+  readonly id: string;
+  readonly name: string;
+}
+
+/** The series that a look shows. */
+export const seriesOf = ({ layer, overlay }: HalfLook): string => layer?.id ?? overlay?.name ?? "";
 
 /** What a layer over the picture is called beside its values. */
 const overlayName = ({ name, about }: LayerOverlay): string => {

@@ -66,7 +66,7 @@ export async function takeStep(store: Store, step: Step, skipped = ""): Promise<
   store.step.value = name;
   store.large.value = null;
   // The mark stays, and turns no step.
-  const change = recalled(step, { ...view.now, crosshair_mm: null }, shown);
+  const change = recalled({ series: {}, plane: null, ...step }, { ...view.now, crosshair_mm: null }, shown);
   const texture = layers.asGrey(shows === "flair" ? flairOf(store) : null);
   store.change({ beside: null, swipe: null, zoom: 1, pan_mm: [0, 0], ...texture, ...change }, true);
   store.looks.value += 1;

@@ -8,11 +8,13 @@ import type { ReadyCase } from "../model/case.ts";
 import { turnedTo } from "../model/commands.ts";
 import type { Change } from "../model/controls.ts";
 import type { StateHistory } from "../model/history.ts";
+import { isAdded, isReady } from "../model/layers.ts";
 import type { MaskBlock } from "../model/mask.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type Layout, type ViewState, viewSize } from "../model/state.ts";
+import { type HalfLook, type Layout, type ViewState, viewSize } from "../model/state.ts";
 import { announce, note } from "./announce.ts";
 import { CaseLayers } from "./case-layers.ts";
+import { Cine } from "./cine.ts";
 import { Findings } from "./findings.ts";
 import { Measures } from "./measures.ts";
 import { Places } from "./places.ts";
@@ -31,6 +33,7 @@ export class Store {
   readonly shown: ReadyCase;
   readonly view: View;
   readonly sweep: Sweep;
+  readonly cine: Cine;
   readonly caseLayers: CaseLayers;
   readonly layers: ShownLayers;
   readonly places: Places;
@@ -73,6 +76,12 @@ export class Store {
   readonly moves = computed(() => this.hasHand.value && this.measures.tool.value === null);
   /** Whether outlines are shown: in a close-up, where they would lie on what is judged, if they are asked for. */
   readonly outlined = signal({ slices: true, closer: false });
+  /** Whether the strip of series is shown; null: as soon as there is more than the case itself. */
+  readonly hasStrip = signal<boolean | null>(null);
+  readonly isStripShown = computed(
+    () =>
+      this.hasStrip.value ?? this.caseLayers.list.value?.layers.some((one) => isAdded(one) && isReady(one)) ?? false,
+  );
   readonly hasTimer = signal(false);
   /** The mask, while its outline is shown in slices. */
   readonly mask = signal<MaskBlock | null>(null);
@@ -109,6 +118,7 @@ export class Store {
     this.view = new View(shown, first, history);
     this.#first_mm = first.depth_mm;
     this.sweep = new Sweep(this.view);
+    this.cine = new Cine(this.view, (position) => this.moveCross(position, false));
     this.caseLayers = new CaseLayers(shown.id);
     this.layers = new ShownLayers(this.view, this.caseLayers, (problem) => this.complain(problem));
     this.places = new Places(this.view, this.caseLayers);
@@ -132,6 +142,7 @@ export class Store {
     this.isOver = true;
     this.#end();
     this.sweep.stop();
+    this.cine.stop();
     this.caseLayers.dispose();
     for (const part of [this.layers, this.places, this.rows, this.findings, this.measures, this.point]) part.dispose();
   }
@@ -161,6 +172,12 @@ export class Store {
   change(change: Change, step = false): void {
     this.sweep.stop();
     this.view.change(change, step);
+  }
+
+  /** A change by a control of what is seen in the pane that a hand was in last. */
+  changeLook(change: Partial<HalfLook>, step = false): void {
+    this.sweep.stop();
+    this.view.changeLook(change, step);
   }
 
   /** Shows another state in the place of this one. */

@@ -5,14 +5,23 @@ import { type ReadonlySignal, type Signal, batch, computed, signal } from "@prea
 import type { ReadyCase, Window } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
 import { writeAddress } from "../model/fragment.ts";
+import type { Plane } from "../model/space.ts";
 import type { Left } from "../model/memory.ts";
 import type { StateHistory } from "../model/history.ts";
-import { type HalfLook, type ViewState, clampDepth } from "../model/state.ts";
+import { type HalfLook, type Place, type ViewState, clampDepth, lookAt, placeOf, withLook } from "../model/state.ts";
 
 export class View {
   readonly shown: ReadyCase;
   readonly state: Signal<ViewState>;
   readonly depth_mm: ReadonlySignal<number>;
+  /** The pane that a hand or the focus was in last; null: none yet. */
+  readonly pane = signal<Place | null>(null);
+  /** The plane of the slice that a hand was in last. */
+  readonly slice = signal<Plane>("axial");
+  /** Whose look controls show and change. */
+  readonly place: ReadonlySignal<Place>;
+  /** The state with that look. */
+  readonly seen: ReadonlySignal<ViewState>;
   readonly canUndo = signal(false);
   readonly canRedo = signal(false);
   /** The window that each texture was left with, by the id of its layer; that of the case itself has none. */
@@ -26,6 +35,11 @@ export class View {
     this.#history = history;
     this.state = signal(this.#paired(first));
     this.depth_mm = computed(() => this.state.value.depth_mm);
+    this.place = computed(() => ownPlace(this.state.value, ofControls(this.pane.value)));
+    this.seen = computed(() => {
+      const [state, place] = [this.state.value, this.place.value];
+      return place === "all" ? state : { ...state, ...lookAt(state, place) };
+    });
     this.#record(first);
   }
 
@@ -52,6 +66,12 @@ export class View {
       this.#record(this.now);
       this.#replaceAddress();
     });
+  }
+
+  /** Changes what is seen in a pane, or in the one that a hand was in last: its own look, or that of all. */
+  changeLook(change: Partial<HalfLook>, step = false, pane = ofControls(this.pane.peek())): void {
+    const place = ownPlace(this.now, pane);
+    this.change(withLook(this.now, place, { ...lookAt(this.now, place), ...change }), step);
   }
 
   /** Shows a whole state, which is no step of the way that is being gone. */
@@ -110,4 +130,13 @@ export class View {
     this.canUndo.value = this.#history.canUndo;
     this.canRedo.value = this.#history.canRedo;
   }
+}
+
+/** What is chosen is of the right half. */
+const ofControls = (pane: Place | null): Place | null => (pane === "left" ? null : pane);
+
+/** Where a control changes what a pane shows: without a series of its own it shows what all show. */
+function ownPlace(state: ViewState, pane: Place | null): Place {
+  const place = placeOf(state, pane);
+  return place === "all" || place === "left" || state.panes[place] ? place : "all";
 }
