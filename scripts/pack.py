@@ -2,7 +2,7 @@
 """Packs a tree that dist.sh has laid out as an archive and as a wheel:  scripts/pack.py ROOT FOLDER VERSION TARGET
 
 The wheel installs the tree into the prefix of its environment: `bin/isocortex`, and beside it `share/`; and the Python package of
-`python/`. The same tree gives the same bytes.
+`python/`, with the widget that web.sh has bundled. The same tree gives the same bytes.
 """
 
 import base64
@@ -85,7 +85,7 @@ def wheel(root, version, platform):
         for path, inside in files_of(root)
     ]
     package = PYTHON / "isocortex"
-    contents += [(f"isocortex/{path.name}", path.read_bytes(), 0o644) for path in sorted([*package.glob("*.py"), package / "py.typed"])]
+    contents += [(f"isocortex/{path.name}", path.read_bytes(), 0o644) for path in sorted([*package.glob("*.py"), package / "py.typed", package / "view.js"])]
     for name in LICENCES:
         contents.append((f"{info}/licenses/{name}", (licences / name).read_bytes(), 0o644))
     contents.append((f"{info}/METADATA", metadata(version).encode(), 0o644))

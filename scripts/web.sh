@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Bundles the page into web/dist, which the program embeds; first fetches the bundler if it is missing or stale.
+# Bundles the page into web/dist, which the program embeds, and the widget of notebooks into the Python package; first fetches the bundler if it is missing or stale.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"

@@ -1,4 +1,4 @@
-// Bundles the page into dist/, which the server carries: `node build.mjs`.
+// Bundles the page into dist/, which the server carries, and the widget into the Python package: `node build.mjs`.
 // `node build.mjs tests` bundles the tests into build/ instead, for Node to run.
 
 import { mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
@@ -122,6 +122,17 @@ async function page() {
   for (const name of await readdir(dist)) if (!kept.has(name)) await rm(path.join(dist, name));
 }
 
+/** The widget of notebooks: one script of its own in the Python package, with the words and the style sheet in it. */
+async function widget() {
+  await build({
+    ...common,
+    entryPoints: ["src/widget/main.ts"],
+    outfile: "../python/isocortex/view.js",
+    loader: { ".css": "text" },
+    minify: true,
+  });
+}
+
 /** The scripts that a script imports at once, and those that they import. */
 function staticImports({ outputs }, script, seen = new Set()) {
   for (const { path: imported, kind } of outputs[script].imports) {
@@ -169,4 +180,4 @@ async function tests() {
   await build({ ...forNode, entryPoints: await filesBelow("../tests/browser"), outdir: "build/browser" });
 }
 
-await (process.argv[2] === "tests" ? tests() : page());
+await (process.argv[2] === "tests" ? tests() : Promise.all([page(), widget()]));

@@ -15,8 +15,24 @@ z to the top of the head. Depths are millimetres below the envelope, which hugs 
 For research use only. Not for diagnosis.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from ._case import Case, Mesh, Surface
 from ._http import IsocortexError
 from ._server import Server, open, start
 
+if TYPE_CHECKING:
+    from ._view import View as View
+
 __all__ = ["Case", "IsocortexError", "Mesh", "Server", "Surface", "open", "start"]
+
+
+def __getattr__(name: str) -> Any:
+    # It needs a package that the others do not.
+    if name == "View":
+        from ._view import View
+
+        return View
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

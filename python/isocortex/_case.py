@@ -7,12 +7,13 @@ import io
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Sequence
 from urllib.parse import quote
 
 import numpy as np
 
 from ._extras import nibabel, pandas, pillow
+from ._freesurfer import write_subject
 from ._http import Bar, Connection, IsocortexError, flipped, warn
 from ._upload import opened, upload
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from typing import Literal
 
     import httpx
+    from nibabel.gifti.gifti import GiftiImage
     from nibabel.nifti1 import Nifti1Image
     from numpy.typing import NDArray
     from pandas import DataFrame
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     Region = Literal["cerebrum", "all"]
     Language = Literal["en", "pt-BR"]
     Paths = Literal["forest", "flow"]
+    ValueName = Literal["intensity", "depth", "blur", "thickness", "flair"]
 
 POLL_EVERY_S = 0.3
 XYZ = ("x_mm", "y_mm", "z_mm")
@@ -108,6 +111,32 @@ class Surface:
         faces = np.frombuffer(triangles.content, "<u4").reshape(-1, 3)
         return Mesh(_positions(answer.content), faces.astype(np.int32))
 
+    def values(
+        self,
+        depth_mm: float = 0.0,
+        name: ValueName = "intensity",
+        *,
+        contours: int = 100,
+        points: int = 100,
+        paths: Paths = "forest",
+    ) -> NDArray[np.float32]:
+        """A value of each vertex of :meth:`mesh`, whose other arguments must be the same.
+
+        name: `"intensity"` of the volume; `"depth"`, which is less than that of the mesh if a path ends before it; or
+            a map, `"blur"`, `"thickness"`, or `"flair"` if a FLAIR was added.
+
+        A value is NaN if it is undefined there, or the depth is unknown.
+
+        >>> coordinates, faces = case.mesh(8.0)
+        >>> blur = case.values(8.0, "blur")
+        >>> len(blur) == len(coordinates)
+        True
+        """
+        query = {"contours": contours, "points": points, "paths": paths, "values": name}
+        [answer] = self._gifti(depth_mm, query, "case.values()").darrays
+        self._warn_if_too_deep(depth_mm)
+        return np.array(answer.data, np.float32)
+
     def isosurface(self, depth_mm: float = 0.0) -> Mesh:
         """The exact surface at a depth, as a closed mesh, which pictures show. Each depth has other vertices.
 
@@ -159,6 +188,12 @@ class Surface:
         answer = self._render("application/octet-stream", depth_mm, options)
         width, height = map(int, answer.headers["X-Isocortex-Size"].split(","))
         return _positions(answer.content).reshape(height, width, 3)
+
+    def _gifti(self, depth_mm: float, query: dict[str, Any], what: str) -> GiftiImage:
+        gifti = nibabel(what).GiftiImage
+        query = {"depth_mm": depth_mm, "surface": self._surface, "format": "gifti", **query}
+        answer: GiftiImage = gifti.from_bytes(self._connection.get(f"{self._path}/mesh", query).content)
+        return answer
 
     def _render(self, accept: str, depth_mm: float, options: dict[str, Any]) -> httpx.Response:
         query = {"depth_mm": depth_mm, "surface": self._surface, **options}
@@ -354,6 +389,33 @@ class Case(Surface):
             raise ValueError(f"a report is .html or .pdf: rename {path.name!r}")
         query = {"language": language, "patient": patient}
         path.write_bytes(self._connection.get(f"{self._path}/report", query, types[path.suffix]).content)
+        return path
+
+    def to_freesurfer(
+        self,
+        folder: str | os.PathLike[str],
+        depths_mm: Sequence[float] = (0.0, 8.0),
+        *,
+        values: Sequence[ValueName] = ("intensity",),
+        contours: int = 100,
+        points: int = 100,
+        paths: Paths = "forest",
+    ) -> Path:
+        """Writes the case into a new folder, as FreeSurfer lays out a subject. Returns its path.
+
+        `mri/T1.mgz` has the volume as it was acquired, neither resampled nor conformed to FreeSurfer's 256³ voxels,
+        `mri/brainmask.mgz` the same within the brain mask. `surf/lh.cut-8mm` and `surf/rh.cut-8mm` are the halves 8 mm
+        deep, and `surf/lh.cut-8mm.blur` has the :meth:`values` of its vertices. **White and pial are not made.** As
+        always in FreeSurfer, coordinates are in tkregister RAS of a volume: that of T1.mgz, which each file states.
+
+        All cuts of a half have the same vertices. Those of unknown depth have a position, no triangles, and NaN as
+        their value. If the halves are in doubt, this is an :class:`IsocortexError` with the reason.
+
+        >>> case.to_freesurfer("subject", depths_mm=(5, 10), values=("intensity", "blur"))
+        PosixPath('subject')
+        """
+        path = Path(folder)
+        write_subject(self, path, depths_mm, values, {"contours": contours, "points": points}, paths)
         return path
 
     def add_layer(self, volume: Image, name: str, *, progress: bool = True, **parameters: Any) -> dict[str, Any]:

@@ -13,6 +13,10 @@ def _imported(module: str, extra: str, what: str) -> Any:
         raise ImportError(f"{what} needs {extra}: pip install 'isocortex[{extra}]'") from error
 
 
+def anywidget(what: str) -> Any:
+    return _imported("anywidget", "anywidget", what)
+
+
 def nibabel(what: str) -> Any:
     return _imported("nibabel", "nibabel", what)
 

@@ -15,6 +15,7 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   page: ["model", "base", "gl", "store", "panes"],
   compare: ["model", "base", "store", "page"],
   launch: ["base", "store", "page"],
+  widget: ["model", "base", "store", "panes"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";
