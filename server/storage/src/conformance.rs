@@ -2,8 +2,8 @@
 
 mod findings;
 mod layers;
-mod readings;
 mod objects;
+mod readings;
 mod series;
 mod worklist;
 

@@ -57,8 +57,8 @@ pub use self::objects::{
     open_to_others,
 };
 pub use self::page::{CaseQuery, Cursor, Listed, Order, Page, Status, is_id};
-pub use self::readings::{ReadingState, StoredReading, WrittenReading};
 pub use self::publish::{Attempt, Publisher, frame_all};
+pub use self::readings::{ReadingState, StoredReading, WrittenReading};
 pub use self::rows::{LayerName, Made, Owner, Pinned, Published, Submitted};
 pub use self::signals::{Count, Signals};
 pub use self::spools::Spools;

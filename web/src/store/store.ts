@@ -18,6 +18,7 @@ import { Measures } from "./measures.ts";
 import { Places } from "./places.ts";
 import { MarkedPoint } from "./point.ts";
 import { type Task, choose, preferences } from "./preferences.ts";
+import { Reading } from "./reading.ts";
 import { Rows } from "./rows.ts";
 import { ShownLayers } from "./shown-layers.ts";
 import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
@@ -35,6 +36,7 @@ export class Store {
   readonly layers: ShownLayers;
   readonly places: Places;
   readonly findings: Findings;
+  readonly reading: Reading;
   readonly rows: Rows;
   readonly measures: Measures;
   readonly point: MarkedPoint;
@@ -114,6 +116,7 @@ export class Store {
     this.places = new Places(this.view, this.caseLayers);
     const depths = computed(() => this.surface?.depths ?? null);
     this.findings = new Findings(this.view, depths, (position) => this.surface?.wholeDepth(position) ?? null);
+    this.reading = new Reading(shown.id, this.findings.list);
     this.rows = new Rows(this.places, this.findings);
     this.measures = new Measures(this.view, depths, this.findings);
     this.point = new MarkedPoint(this.view, () => this.surface, this.layers);
@@ -133,7 +136,8 @@ export class Store {
     this.#end();
     this.sweep.stop();
     this.caseLayers.dispose();
-    for (const part of [this.layers, this.places, this.rows, this.findings, this.measures, this.point]) part.dispose();
+    const { layers, places, rows, findings, reading, measures, point } = this;
+    for (const part of [layers, places, rows, findings, reading, measures, point]) part.dispose();
   }
 
   /** Who draws the surface and knows its points; what follows this hears when more is known. */

@@ -7,13 +7,15 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use case::findings::{Certainty, Finding};
 use case::{CaseId, Gyrus, MapName, PatientSide};
-use cases::findings::Findings;
 use cases::Cases;
+use cases::findings::Findings;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::candidates::quoted;
-use super::versioned::{JSON, Versioned, answer, as_json, known_tags, precondition_required, represented};
+use super::versioned::{
+    JSON, Versioned, answer, as_json, known_tags, precondition_required, represented,
+};
 use crate::routes::asked::{CasePath, not_a_case_id};
 use http::conditional::EntityTag;
 use http::negotiate::{Coding, GZIP, media_type};

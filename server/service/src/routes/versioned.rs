@@ -95,11 +95,7 @@ pub(super) fn as_json(current: impl Versioned) -> Result<Representation, AppErro
     Ok(represented(tag, JSON, body.into()))
 }
 
-pub(super) fn represented(
-    tag: EntityTag,
-    media_type: &'static str,
-    body: Bytes,
-) -> Representation {
+pub(super) fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Representation {
     Representation {
         tag,
         media_type,

@@ -55,7 +55,10 @@ pub(crate) async fn a_reading_is_changed_until_it_is_signed_and_corrected_by_its
     let late = write(store, &id, ANA, Some(&second), "3").await;
     assert_eq!(late, WrittenReading::Changed);
     let corrected = done(write(store, &id, ANA, Some(&signed), "3").await);
-    assert_eq!((corrected.state.version, corrected.state.signed_at), (2, None));
+    assert_eq!(
+        (corrected.state.version, corrected.state.signed_at),
+        (2, None)
+    );
     let corrected = done(write(store, &id, ANA, Some(&corrected), "4").await);
     done(store.sign_reading(&id, &corrected).await.unwrap());
     let expected = [

@@ -1,6 +1,6 @@
 //! The readings of cases.
 
-use super::connection::{Connection, Row};
+use super::connection::{Connection, Row, read_time, unreadable};
 use super::owners;
 use crate::args;
 use crate::readings::{ReadingState, StoredReading, WrittenReading};
@@ -198,14 +198,12 @@ fn read_state(row: &Row) -> Result<ReadingState, StoreError> {
     let signed_at: Option<i64> = row.get("signed_at")?;
     Ok(ReadingState {
         reader: row.get("reader")?,
-        version: u32::try_from(version)
-            .map_err(|_| StoreError::Rows("a reading's row has no version".into()))?,
-        changed_at: time(row.get("changed_at")?)?,
+        version: u32::try_from(version).map_err(|_| unreadable("a version"))?,
+        changed_at: read_time(row, "changed_at")?,
         signed_at: signed_at.map(time).transpose()?,
     })
 }
 
 fn time(microseconds: i64) -> Result<Timestamp, StoreError> {
-    Timestamp::from_microsecond(microseconds)
-        .map_err(|_| StoreError::Rows("a reading's row has an unknown time".into()))
+    Timestamp::from_microsecond(microseconds).map_err(|_| unreadable("a time"))
 }
