@@ -3,12 +3,13 @@
 
 import assert from "node:assert/strict";
 import { once } from "node:events";
+import { readFile } from "node:fs/promises";
 import { type Server as HttpServer, createServer, request } from "node:http";
 import type { AddressInfo } from "node:net";
 import path from "node:path";
 import { after, before, test } from "node:test";
 
-import type { Browser } from "playwright-core";
+import type { Browser, Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
@@ -130,4 +131,74 @@ test("the proxy says who it is, and the end of its session loses nothing", { ski
     [],
   );
   await context.close();
+});
+
+test("two readers sign, each without seeing the other’s conclusion before, and compare both", { skip }, async () => {
+  const findings = (own: unknown) => (own as { findings: readonly unknown[] }).findings;
+  const readingOf = async (reader: string) =>
+    (await fetch(new URL(`v1/cases/${id}/readings/by/${reader}`, address))).json() as Promise<Record<string, unknown>>;
+  /** Opens the case as somebody, with the section of readings unfolded. */
+  const openAs = async (reader: string) => {
+    person = reader;
+    const opened = await openPage(browser, { locale: "en-GB" });
+    await opened.page.goto(`${address}#${id}&r=mesh&d=12&l=slices&x=-38,0,0`);
+    await shown(opened.page);
+    await opened.page.locator(".reading > summary").click();
+    await opened.page.locator("#conclusion:enabled").waitFor();
+    return opened;
+  };
+  const sign = async (page: Page): Promise<void> => {
+    await page.getByRole("button", { name: "Sign …" }).click();
+    const dialog = page.locator("dialog.confirm-sign");
+    await dialog.waitFor();
+    assert.match(await dialog.innerText(), /Version 1 is locked[^]*findings of the list \(1\)/);
+    await dialog.getByRole("button", { name: "Sign", exact: true }).click();
+    await page.locator(".signed").waitFor();
+  };
+
+  const ana = await openAs("ana");
+  await ana.page.locator("#conclusion").fill("Blurred junction on the right.\nNothing else.");
+  await ana.page.getByText("Stored on the server.").first().waitFor();
+  await sign(ana.page);
+  await keep(ana.page, "reading-signed");
+  assert.match(await ana.page.locator(".signed").innerText(), /^Version 1: signed by ana on /);
+  assert.ok(await ana.page.locator("#conclusion").isDisabled());
+  assert.deepEqual(await violations(ana.page), []);
+  const download = ana.page.waitForEvent("download");
+  await ana.page.getByRole("button", { name: "Save the report" }).first().click();
+  const report = await readFile(await (await download).path(), "utf8");
+  assert.match(report, /Signed by <bdi>ana<\/bdi> on /);
+  assert.match(report, /class="large[^>]*><bdi>Blurred junction on the right\.<\/bdi>/);
+  const signed = await readingOf("proxy:ana");
+  assert.deepEqual([signed.state, findings(signed).length], ["signed", 1]);
+
+  const ben = await openAs("ben");
+  await ben.page.getByText(/^ana: signed on /).waitFor();
+  await ben.page.getByText("Shown once you have signed your own reading.").waitFor();
+  assert.equal((await readingOf("proxy:ana")).type, "urn:isocortex:problem:reading-hidden");
+  assert.doesNotMatch(await ben.page.locator("body").innerText(), /Blurred junction/);
+  await ben.page.locator("#conclusion").fill("Normal.");
+  await sign(ben.page);
+  await ben.page.getByRole("button", { name: "Compare with ana" }).click();
+  const both = ben.page.locator("dialog.readings");
+  await both.locator(".conclusions").waitFor();
+  await keep(ben.page, "readings-compared");
+  assert.deepEqual(await both.locator(".conclusions td").allInnerTexts(), [
+    "Normal.",
+    "Blurred junction on the right.\nNothing else.",
+  ]);
+  assert.match(await both.innerText(), /Same place within 10 mm: 1[^]*In your reading alone: 0/);
+  assert.deepEqual(await violations(ben.page), []);
+  await both.getByRole("button", { name: "Close" }).click();
+
+  await ben.page.getByRole("button", { name: "Correct" }).click();
+  await ben.page.getByText(/^Version 2, a correction, is open/).waitFor();
+  assert.equal(await ben.page.locator("#conclusion").inputValue(), "Normal.");
+  for (const { context, troubles } of [ana, ben]) {
+    assert.deepEqual(
+      troubles.filter((trouble) => !/status of 401/.test(trouble)),
+      [],
+    );
+    await context.close();
+  }
 });

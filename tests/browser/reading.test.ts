@@ -46,7 +46,14 @@ test("pictures have most of the page, and the panel has three tabs", { skip, tim
   const { page, context, troubles } = await openPage(browser, { storageState: none });
   await page.goto(new URL(`#${id}&r=mesh`, server.address).href);
   await shown(page);
-  const read = ["Places and findings", "Point and depth profile", "Looked at", "Saved layouts", "View"];
+  const read = [
+    "Places and findings",
+    "Conclusion and signature",
+    "Point and depth profile",
+    "Looked at",
+    "Saved layouts",
+    "View",
+  ];
   assert.deepEqual(await titles(page), read);
   // Once the first remark has been read; the phantom has a warning, too.
   await page.locator(".first-time button").click();

@@ -198,6 +198,34 @@ async fn who_did_what_with_which_case_is_on_record_and_nothing_of_a_patient() {
     assert!(!text.contains(CANARY) && !text.contains("text="), "{text}");
 }
 
+#[tokio::test]
+async fn a_signature_is_recorded_with_whoever_gave_it() {
+    let recorded = Recorded::start().await;
+    let address = recorded.uploaded().await;
+    let mine = format!("{address}/readings/mine");
+    let send = async |method: Method, address: &str, tag: &str, body: String| {
+        let request = Request::builder().method(method).uri(address);
+        let request = request.header("authorization", recorded.tokens.bearer("dr.silva"));
+        let request = request.header("if-match", tag).body(Body::from(body));
+        recorded.server.send(request.unwrap()).await
+    };
+    let tag = recorded.get(&mine).await.header("etag").to_owned();
+    let reading = serde_json::json!({ "conclusion": CANARY, "findings": [] });
+    let kept = send(Method::PUT, &mine, &tag, reading.to_string()).await;
+    assert_eq!(kept.status, 200, "{kept:?}");
+    let signature = format!("{mine}/signature");
+    let signed = send(Method::POST, &signature, kept.header("etag"), String::new()).await;
+    assert_eq!(signed.status, 200, "{signed:?}");
+    let lines = recorded.all_of("signature");
+    assert_eq!(outcomes(&lines), ["allowed"]);
+    let line = &lines[0];
+    assert_eq!(line["who"], "dr.silva");
+    assert_eq!(line["action"], "C");
+    assert_eq!(line["request"], signed.header("x-request-id"));
+    assert!(address.ends_with(line["case"].as_str().unwrap()));
+    assert!(!format!("{:?}", recorded.lines()).contains(CANARY));
+}
+
 /// A report leaves as a file, and shows the identity of a patient if that was asked for.
 #[tokio::test]
 async fn a_report_that_names_the_patient_is_recorded_as_an_identity_too() {

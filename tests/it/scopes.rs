@@ -17,7 +17,7 @@ use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
 /// The scope of every route that is more than looking. A new route fails these tests until it states its scope, and stands here.
-const MORE_THAN_LOOKING: [(&str, &str); 20] = [
+const MORE_THAN_LOOKING: [(&str, &str); 22] = [
     ("POST /v1/cases", "write"),
     ("POST /v1/cases/search", "read"),
     ("PATCH /v1/cases/{id}", "write"),
@@ -26,6 +26,8 @@ const MORE_THAN_LOOKING: [(&str, &str); 20] = [
     ("PUT /v1/cases/{id}/mask", "write"),
     ("PUT /v1/cases/{id}/findings", "write"),
     ("POST /v1/cases/{id}/findings/from/{other}", "write"),
+    ("PUT /v1/cases/{id}/readings/mine", "write"),
+    ("POST /v1/cases/{id}/readings/mine/signature", "write"),
     ("POST /v1/cases/{id}/layers", "write"),
     ("PATCH /v1/cases/{id}/layers/{layer}", "write"),
     ("DELETE /v1/cases/{id}/layers/{layer}", "write"),

@@ -245,7 +245,7 @@ test("preferences that are damaged are as at first", () => {
     list: false,
     panel: true,
     task: "read",
-    unfolded: ["panel.list", "panel.point", "panel.layers"],
+    unfolded: ["panel.list", "panel.reading", "panel.point", "panel.layers"],
     protocol: "complete",
     reader: "",
   });

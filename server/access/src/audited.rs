@@ -44,6 +44,8 @@ pub enum Audited {
     Fetch,
     /// A case or a layer was changed.
     Change,
+    /// A reader has signed a reading.
+    Signature,
     /// A case or a layer was deleted.
     Delete,
     /// The server itself was used.
@@ -75,6 +77,7 @@ impl Audited {
             Self::Upload => (EventKind::Import, Action::Create, "upload"),
             Self::Fetch => (EventKind::Import, Action::Execute, "retrieval"),
             Self::Change => (EventKind::ProcedureRecord, Action::Update, "change"),
+            Self::Signature => (EventKind::ProcedureRecord, Action::Create, "signature"),
             Self::Delete => (EventKind::StudyDeleted, Action::Delete, "deletion"),
             Self::Operation => (EventKind::ApplicationActivity, Action::Execute, "operation"),
         }
@@ -90,6 +93,7 @@ impl Audited {
             | Self::Upload
             | Self::Fetch
             | Self::Change
+            | Self::Signature
             | Self::Delete
             | Self::Operation => When::BeforeDone,
         }

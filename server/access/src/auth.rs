@@ -23,7 +23,7 @@ use crate::error::AccessError;
 use crate::origins::Origins;
 use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
 use crate::routes::ScopeTable;
-use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens, UNNAMED};
+use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
 use http::listen::{ByProxy, is_endless};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
@@ -403,7 +403,7 @@ pub async fn require_token(
                 return Err(AccessError::MissingScope { holder, scope });
             }
             // The token without a name may be that of everybody.
-            if ![ANYBODY, UNNAMED].contains(&&*holder.name) {
+            if holder.is_named() {
                 let client = Client::named(&holder.name);
                 request.extensions_mut().insert(client);
             }

@@ -19,6 +19,11 @@ use crate::tokens::{Holder, name_by};
 /// What the names of those begin with whom a proxy has signed in, so that none is the name of a token.
 pub const PREFIX: &str = "proxy:";
 
+/// The name of somebody as people know it.
+pub fn plain_name(name: &str) -> &str {
+    name.strip_prefix(PREFIX).unwrap_or(name)
+}
+
 /// The time after which an endless answer ends, so that the proxy is asked again who it is for.
 pub(crate) const ASKED_AGAIN_AFTER: Duration = Duration::from_secs(15 * 60);
 

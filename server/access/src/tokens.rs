@@ -52,6 +52,11 @@ pub(crate) fn name_by(prefix: &str, stated: &[u8]) -> Arc<str> {
 }
 
 impl Holder {
+    /// Whether it is one person or program, and not everybody who has the token without a name, or is on this machine.
+    pub fn is_named(&self) -> bool {
+        ![ANYBODY, UNNAMED].contains(&&*self.name)
+    }
+
     /// The holder of a token without a name, who may do everything.
     pub(crate) fn of_everything() -> Self {
         Self::named_of_everything(UNNAMED)

@@ -15,6 +15,7 @@ mod parameters;
 mod progress;
 mod public_error;
 mod quality;
+pub mod readings;
 mod registration;
 pub mod series;
 mod side;

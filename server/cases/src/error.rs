@@ -25,6 +25,11 @@ pub enum Error {
     LayerClosed(Closed),
     #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,
+    #[error("the case has no such reading; `/v1/cases/{{id}}/readings` lists its readings")]
+    NoSuchReading,
+    /// Somebody asks for the reading of somebody else before they have signed their own.
+    #[error("the reading of another reader is shown to those who have signed their own")]
+    ReadingHidden,
     /// The case has no maps.
     #[error(transparent)]
     MapsUndefined(Undefined),
@@ -80,10 +85,11 @@ impl PublicError for Error {
     fn kind(&self) -> ErrorKind {
         match self {
             Self::Parameter { .. } => ErrorKind::Invalid,
-            Self::NoSuchCase | Self::NoSuchLayer => ErrorKind::NotFound,
+            Self::NoSuchCase | Self::NoSuchLayer | Self::NoSuchReading => ErrorKind::NotFound,
             Self::NotReady { .. }
             | Self::LayerNotReady
             | Self::LayerClosed(_)
+            | Self::ReadingHidden
             | Self::MapsUndefined(_)
             | Self::NoSurfaces(_) => ErrorKind::Conflict,
             Self::Failure(failure) => failure.kind(),
@@ -101,6 +107,8 @@ impl PublicError for Error {
             Self::LayerNotReady => "layer-not-ready",
             Self::LayerClosed(_) => "closed",
             Self::NoSuchLayer => "no-such-layer",
+            Self::NoSuchReading => "no-such-reading",
+            Self::ReadingHidden => "reading-hidden",
             Self::MapsUndefined(_) => "maps-undefined",
             Self::NoSurfaces(_) => "no-surfaces",
             Self::Failure(failure) => return failure.name(),

@@ -36,12 +36,12 @@ impl Findings {
     }
 }
 
-/// The reason why findings were not replaced.
+/// The reason why findings, or a reading, were not replaced.
 #[derive(Debug)]
-pub enum NotReplaced {
+pub enum NotReplaced<Current = Findings> {
     /// Somebody else has changed them: as they are now.
-    Changed(Findings),
-    /// One of them is wrong.
+    Changed(Current),
+    /// One of them is wrong, or the conclusion of a reading is.
     Refused(FindingRefused),
     /// They are of another patient, of another frame of reference, or of images that lay elsewhere: a sentence.
     Elsewhere(&'static str),
@@ -50,13 +50,13 @@ pub enum NotReplaced {
     Other(Error),
 }
 
-impl From<Error> for NotReplaced {
+impl<Current> From<Error> for NotReplaced<Current> {
     fn from(error: Error) -> Self {
         Self::Other(error)
     }
 }
 
-impl From<StoreError> for NotReplaced {
+impl<Current> From<StoreError> for NotReplaced<Current> {
     fn from(error: StoreError) -> Self {
         Self::Other(error.into())
     }
@@ -88,27 +88,9 @@ impl Cases {
         if !known.contains(&&*before.version.to_string()) {
             return Err(NotReplaced::Changed(before));
         }
-        let space = Space::of(&facts);
-        check(&list, &|point| space.contains(point)).map_err(NotReplaced::Refused)?;
-        // A finding is kept without a name rather than not at all.
-        let gyri = match list.is_empty() {
-            true => None,
-            false => self.gyri(id).await.ok().flatten(),
-        };
-        let now = Timestamp::now().to_string();
-        let old: HashMap<&str, &Finding> = before.list.iter().map(|f| (&*f.id, f)).collect();
-        for finding in &mut list {
-            let old = old.get(&*finding.id);
-            let unchanged = old.filter(|old| old.says_the_same_as(finding));
-            let created_at = old.and_then(|old| old.created_at.clone());
-            finding.created_at = created_at.or_else(|| Some(now.clone()));
-            let changed_at = unchanged.and_then(|old| old.changed_at.clone());
-            finding.changed_at = changed_at.or_else(|| Some(now.clone()));
-            let middle = finding.middle_in_patient();
-            finding.side = Some(side_at(&facts, DVec3::from_array(middle)));
-            let gyri = gyri.as_ref();
-            finding.gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(middle)));
-        }
+        self.complete(id, &facts, &before.list, &mut list)
+            .await
+            .map_err(NotReplaced::Refused)?;
         let document = serde_json::to_string(&list).map_err(StoreError::from)?;
         let replaced = self.store().replace_findings(id, before.version, document);
         match replaced.await? {
@@ -116,6 +98,38 @@ impl Cases {
             Replaced::Changed => Err(NotReplaced::Changed(self.findings(id).await?)),
             Replaced::NoSuchCase => Err(Error::NoSuchCase.into()),
         }
+    }
+
+    /// Checks the findings that a client sends, and adds sides, gyri and times; those that have not changed since `before` keep theirs.
+    pub(crate) async fn complete(
+        &self,
+        id: &CaseId,
+        facts: &CaseFacts,
+        before: &[Finding],
+        list: &mut [Finding],
+    ) -> Result<(), FindingRefused> {
+        let space = Space::of(facts);
+        check(list, &|point| space.contains(point))?;
+        // A finding is kept without a name rather than not at all.
+        let gyri = match list.is_empty() {
+            true => None,
+            false => self.gyri(id).await.ok().flatten(),
+        };
+        let now = Timestamp::now().to_string();
+        let old: HashMap<&str, &Finding> = before.iter().map(|f| (&*f.id, f)).collect();
+        for finding in list {
+            let old = old.get(&*finding.id);
+            let unchanged = old.filter(|old| old.says_the_same_as(finding));
+            let created_at = old.and_then(|old| old.created_at.clone());
+            finding.created_at = created_at.or_else(|| Some(now.clone()));
+            let changed_at = unchanged.and_then(|old| old.changed_at.clone());
+            finding.changed_at = changed_at.or_else(|| Some(now.clone()));
+            let middle = finding.middle_in_patient();
+            finding.side = Some(side_at(facts, DVec3::from_array(middle)));
+            let gyri = gyri.as_ref();
+            finding.gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(middle)));
+        }
+        Ok(())
     }
 }
 
@@ -157,7 +171,10 @@ impl Cases {
     }
 
     /// Refuses a case of which nothing new is made.
-    async fn check_open(&self, id: &CaseId) -> Result<(), NotReplaced> {
+    pub(crate) async fn check_open<Current>(
+        &self,
+        id: &CaseId,
+    ) -> Result<(), NotReplaced<Current>> {
         match self.case(id).await?.closed {
             Some(why) => Err(NotReplaced::Closed(why.sentence())),
             None => Ok(()),

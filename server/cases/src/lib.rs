@@ -18,6 +18,7 @@ pub mod models;
 mod patient;
 pub mod pictures;
 pub mod profile;
+pub mod readings;
 pub mod ready;
 mod registration;
 mod removal;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use ::report::{
     ListedMap, Numbers, Reason, Report, ReportFormat, ReportMaps, ReportQuery, ReportedFinding,
-    ShownLayer, ShownPatient, Values,
+    ReportedReading, ShownLayer, ShownPatient, Values,
 };
 use bytes::Bytes;
 use case::findings::Finding;
@@ -21,6 +21,7 @@ use crate::library::{LoadedMaps, MapsState};
 use crate::patient::{Patient, day};
 use crate::pictures::{LayerRef, ready};
 use crate::profile::{PointProfile, SampledLayer, profile};
+use crate::readings::KeptReading;
 use crate::{Cases, Error};
 
 /// From where a report knows its patient.
@@ -43,6 +44,16 @@ const PATIENT: [&str; 7] = [
     "AccessionNumber",
 ];
 
+/// A report that somebody asks for.
+#[derive(Debug)]
+pub struct AskedReport<'a> {
+    pub query: ReportQuery,
+    pub format: ReportFormat,
+    pub subject: ReportSubject<'a>,
+    /// The reading that it is of, with the name of its reader for people; `None`: the findings of the case.
+    pub reading: Option<(KeptReading, String)>,
+}
+
 impl Cases {
     /// The report of the reading of a ready case. The same reading gives the same bytes.
     ///
@@ -51,9 +62,12 @@ impl Cases {
     pub async fn report(
         &self,
         id: &CaseId,
-        query: ReportQuery,
-        format: ReportFormat,
-        subject: ReportSubject<'_>,
+        AskedReport {
+            query,
+            format,
+            subject,
+            reading,
+        }: AskedReport<'_>,
     ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
         let case = self.case(id).await?;
@@ -74,7 +88,17 @@ impl Cases {
             name: layer.name.clone(),
             may_lie_elsewhere: quality != QualityState::Ok,
         });
-        let mut list = self.findings(id).await?.list;
+        let (mut list, reading) = match reading {
+            None => (self.findings(id).await?.list, None),
+            Some((kept, reader)) => {
+                let of_reader = ReportedReading {
+                    reader,
+                    conclusion: kept.reading.conclusion,
+                    signed_at: kept.signed_at.map(|at| at.to_string()),
+                };
+                (kept.reading.findings, Some(of_reader))
+            }
+        };
         for finding in &mut list {
             // The atlas of today counts, not that of when it was written.
             let middle = DVec3::from_array(finding.middle_in_patient());
@@ -105,6 +129,7 @@ impl Cases {
             case,
             facts,
             query,
+            reading,
             patient,
             maps: match &maps {
                 Ok(maps) => Ok(maps_of(maps, gyri.as_deref())),

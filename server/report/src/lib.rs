@@ -18,16 +18,14 @@ pub use words::Language;
 
 /// What a report shows.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams, utoipa::ToSchema), into_params(parameter_in = Query))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ReportQuery {
     /// The language: `en` or `pt-BR`.
     #[serde(default)]
-    #[cfg_attr(feature = "openapi", param(inline))]
     pub language: Language,
     /// Whether to name the patient and the study, if the case was created from DICOM. The report is patient data then.
     #[serde(default)]
-    #[cfg_attr(feature = "openapi", param(default = false))]
     pub patient: bool,
 }
 
@@ -54,6 +52,8 @@ pub struct Report {
     pub case: Case,
     pub facts: Arc<CaseFacts>,
     pub query: ReportQuery,
+    /// Whose it is; `None`: it is that of the findings of the case.
+    pub reading: Option<ReportedReading>,
     /// `None` unless requested.
     pub patient: Option<ShownPatient>,
     pub maps: Result<ReportMaps, Reason>,
@@ -79,6 +79,16 @@ impl Report {
             ReportFormat::Pdf => contents.pdf(),
         }
     }
+}
+
+/// What a named reader concludes.
+#[derive(Debug)]
+pub struct ReportedReading {
+    /// As people know the reader.
+    pub reader: String,
+    pub conclusion: String,
+    /// `2026-11-28T10:20:30Z`; `None` while it is open.
+    pub signed_at: Option<String>,
 }
 
 /// The patient and the study.

@@ -3,6 +3,7 @@
 mod findings;
 mod layers;
 mod objects;
+mod readings;
 mod series;
 mod worklist;
 
@@ -16,6 +17,7 @@ use case::{
 
 pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
+pub(crate) use self::readings::*;
 pub(crate) use self::series::*;
 pub(crate) use self::worklist::*;
 
@@ -133,6 +135,9 @@ macro_rules! conformance {
                 a_version_begins_with_the_findings_of_its_case
                 a_change_of_findings_makes_a_case_young_again
                 damaged_findings_are_never_shown
+                a_reading_is_changed_until_it_is_signed_and_corrected_by_its_next_version
+                readings_belong_to_their_readers_and_go_with_their_case
+                a_damaged_reading_is_never_shown
             }
     };
     (@in_turn $make:expr; $($check:ident)+) => {{

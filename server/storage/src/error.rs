@@ -93,6 +93,9 @@ pub enum StoreError {
     /// The findings of a case differ from what was written.
     #[error("the findings of a case are damaged; restore them from a backup")]
     DamagedFindings(case::CaseId),
+    /// A reading of a case differs from what was written.
+    #[error("a reading of a case is damaged; restore it from a backup")]
+    DamagedReading(case::CaseId),
     /// The object store refuses what this machine signs, because their clocks differ.
     #[error(
         "the object store refuses the requests of this machine because their clocks differ; set the clock of this machine"

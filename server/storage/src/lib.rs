@@ -15,6 +15,7 @@ mod objects;
 mod page;
 mod pinned;
 mod publish;
+mod readings;
 mod rows;
 mod signals;
 mod spools;
@@ -57,6 +58,7 @@ pub use self::objects::{
 };
 pub use self::page::{CaseQuery, Cursor, Listed, Order, Page, Status, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
+pub use self::readings::{ReadingState, StoredReading, WrittenReading};
 pub use self::rows::{LayerName, Made, Owner, Pinned, Published, Submitted};
 pub use self::signals::{Count, Signals};
 pub use self::spools::Spools;

@@ -135,10 +135,10 @@ export async function isBehindProxy(): Promise<boolean> {
 const BY_PROXY = "proxy:";
 
 /** Whether a proxy has signed somebody in. */
-export const isByProxy = ({ name }: Holder): boolean => name.startsWith(BY_PROXY);
+export const isByProxy = ({ name }: Pick<Holder, "name">): boolean => name.startsWith(BY_PROXY);
 
 /** The name of somebody as people know it. */
-export const plainName = (holder: Holder): string =>
+export const plainName = (holder: Pick<Holder, "name">): string =>
   isByProxy(holder) ? holder.name.slice(BY_PROXY.length) : holder.name;
 
 export const getHolder = (): Promise<Holder> => ask("v1/session");

@@ -80,6 +80,10 @@ async function confirm(
 export const confirmDelete = (title: string, text: string): Promise<boolean> =>
   confirm("delete", title, text, t("delete.keep"), t("delete.do"), "danger");
 
+/** Whether a reading is to be signed; the text says what that locks. */
+export const confirmSign = (text: string): Promise<boolean> =>
+  confirm("sign", t("reading.ask"), text, t("reading.not-yet"), t("reading.do"), "primary");
+
 /** Whether a case that was there already is to have another label. */
 export const confirmRename = (title: string, name: string): Promise<boolean> =>
   confirm(

@@ -1,10 +1,11 @@
 // The parts that panels are made of.
 
 import type { ComponentChildren } from "preact";
-import { useLayoutEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import type { Icon as IconName } from "../base/dom.ts";
-import { type Key, t } from "../base/i18n.ts";
+import { type Key, number, t } from "../base/i18n.ts";
+import { excessOf, plainText } from "../model/text.ts";
 import { mayWrite } from "../store/holder.ts";
 import { type Task, preferences, unfold } from "../store/preferences.ts";
 import type { Store } from "../store/store.ts";
@@ -371,6 +372,52 @@ export const Typed = ({
     />
   );
 };
+
+/** A text of several lines. What is too long stays as it is typed, to be shortened by hand. */
+export function Written({
+  value,
+  most,
+  excessWords,
+  onType,
+  onLeave = () => {},
+  ...rest
+}: {
+  readonly value: string;
+  /** The most characters of it. */
+  readonly most: number;
+  excessWords(values: { readonly most: string; readonly excess: string }): string;
+  onType(typed: string): void;
+  onLeave?(): void;
+} & TypedAttributes & { readonly rows?: number }) {
+  const field = useRef<HTMLTextAreaElement>(null);
+  const [excess, setExcess] = useState(0);
+  const plain = (typed: string): string => plainText(typed, most);
+  useLayoutEffect(() => {
+    const area = field.current;
+    // What is being typed says the same, but for a space at its end.
+    if (!area || plain(area.value) === value) return;
+    area.value = value;
+    setExcess(0);
+  }, [value]);
+  return (
+    <>
+      <textarea
+        ref={field}
+        dir="auto"
+        onInput={({ currentTarget }) => {
+          setExcess(excessOf(currentTarget.value, most));
+          onType(plain(currentTarget.value));
+        }}
+        onChange={({ currentTarget }) => {
+          if (excess === 0) currentTarget.value = plain(currentTarget.value);
+          onLeave();
+        }}
+        {...rest}
+      />
+      <Status class="doubtful" words={excess > 0 ? excessWords({ most: number(most), excess: number(excess) }) : ""} />
+    </>
+  );
+}
 
 /** What is clicked in the place of a file input, below its label, and above what is to be known of it; a file may be chosen again. */
 export const FileInput = ({

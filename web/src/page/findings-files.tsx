@@ -91,8 +91,11 @@ export function FindingFiles({ store }: OfStore) {
   const [format, setFormat] = useState<Format>("csv");
   const [isNamed, setNamed] = useState(false);
   const report = (ending: "html" | "pdf", kind: string): void => {
-    const query = new URLSearchParams({ language: spoken(), ...(isNamed && { patient: "true" }) });
-    void save(store, `report.${ending}`, () => getFile(`${shown.id}/report?${query}`, kind));
+    void save(store, `report.${ending}`, async () => {
+      const reading = await store.reading.reported();
+      const asked = { language: spoken(), ...(isNamed && { patient: "true" }), ...(reading && { reading }) };
+      return getFile(`${shown.id}/report?${new URLSearchParams(asked)}`, kind);
+    });
   };
   return (
     <>

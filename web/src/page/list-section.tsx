@@ -21,7 +21,7 @@ import { findingAddress } from "../model/fragment.ts";
 import { keyOf } from "../model/keys.ts";
 import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
 import { reflected, sideOf } from "../model/midsagittal.ts";
-import { excessOf, plainLine, plainText } from "../model/text.ts";
+import { plainLine } from "../model/text.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
 import { goToRow } from "../store/bring.ts";
 import { mayWrite } from "../store/holder.ts";
@@ -45,6 +45,7 @@ import {
   Ticked,
   Typed,
   Writing,
+  Written,
 } from "./fields.tsx";
 import { FindingFiles } from "./findings-files.tsx";
 
@@ -343,7 +344,7 @@ function WhyBars({ store, place }: OfStore & { readonly place: Candidate }) {
 /** What is written about a finding, and how it is shown. */
 function Fields({ store, finding, name }: OfFinding) {
   const { findings } = store;
-  const { id, label, certainty, colour, is_unconfirmed } = finding;
+  const { id, label, note, certainty, colour, is_unconfirmed } = finding;
   return (
     <>
       <Writing>
@@ -379,7 +380,17 @@ function Fields({ store, finding, name }: OfFinding) {
             onChoose={(one) => findings.rate(id, one === "" ? undefined : one)}
           />
         </Line>
-        <Note store={store} finding={finding} name={name} />
+        <Written
+          class="finding-note"
+          rows={2}
+          placeholder={t("findings.note")}
+          aria-label={`${name}: ${t("findings.note")}`}
+          value={note}
+          most={LONGEST_NOTE}
+          excessWords={(values) => t("findings.excess", values)}
+          onType={(typed) => findings.write(id, { note: typed })}
+          onLeave={() => findings.leaveField()}
+        />
       </Writing>
       <Line label={t("findings.colour")}>
         <Writing>
@@ -396,45 +407,6 @@ function Fields({ store, finding, name }: OfFinding) {
           onTick={(isDrawn) => findings.show(finding, isDrawn)}
         />
       </Line>
-    </>
-  );
-}
-
-/** What is written about a finding. What is too long stays as it is typed, to be shortened by hand. */
-function Note({ store: { findings }, finding, name }: OfFinding) {
-  const { id, note } = finding;
-  const field = useRef<HTMLTextAreaElement>(null);
-  const [excess, setExcess] = useState(0);
-  const plain = (typed: string): string => plainText(typed, LONGEST_NOTE);
-  useLayoutEffect(() => {
-    const area = field.current;
-    // What is being typed says the same, but for a space at its end.
-    if (!area || plain(area.value) === note) return;
-    area.value = note;
-    setExcess(0);
-  }, [note]);
-  return (
-    <>
-      <textarea
-        ref={field}
-        class="finding-note"
-        rows={2}
-        dir="auto"
-        placeholder={t("findings.note")}
-        aria-label={`${name}: ${t("findings.note")}`}
-        onInput={({ currentTarget }) => {
-          setExcess(excessOf(currentTarget.value, LONGEST_NOTE));
-          findings.write(id, { note: plain(currentTarget.value) });
-        }}
-        onChange={({ currentTarget }) => {
-          if (excess === 0) currentTarget.value = plain(currentTarget.value);
-          findings.leaveField();
-        }}
-      />
-      <Status
-        class="doubtful"
-        words={excess > 0 ? t("findings.excess", { most: number(LONGEST_NOTE), excess: number(excess) }) : ""}
-      />
     </>
   );
 }

@@ -13,6 +13,7 @@ import { LayoutsSection } from "./layouts-section.tsx";
 import { ListSection } from "./list-section.tsx";
 import { MeasuresSection } from "./measures-section.tsx";
 import { PointSection } from "./point-section.tsx";
+import { ReadingSection } from "./reading-section.tsx";
 import { ResultsSection } from "./results-section.tsx";
 import { DrawingSection, ViewSection } from "./view-section.tsx";
 
@@ -51,6 +52,7 @@ export function Panel({ store, made, onScreen }: PanelProps) {
         }}
       />
       <ListSection store={store} />
+      <ReadingSection store={store} />
       <PointSection store={store} />
       <MeasuresSection store={store} />
       <ChecklistSection store={store} />

@@ -9,3 +9,6 @@ export const holder = signal<Holder | null>(null);
 
 /** Whether what is stored may be changed; the server decides. */
 export const mayWrite = computed(() => holder.value?.scopes.includes("write") ?? true);
+
+/** Whether it is one person, who can answer for a reading: everybody on this machine, and whoever has the token without a name, is nobody. */
+export const isNamed = computed(() => !["anybody", "token", undefined].includes(holder.value?.name));

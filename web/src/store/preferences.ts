@@ -15,7 +15,7 @@ export type Task = (typeof TASKS)[number];
 export const THEMES = ["dark", "light"] as const;
 
 /** The sections of the panel that are unfolded at first. */
-const UNFOLDED: readonly string[] = ["panel.list", "panel.point", "panel.layers"] satisfies Key[];
+const UNFOLDED: readonly string[] = ["panel.list", "panel.reading", "panel.point", "panel.layers"] satisfies Key[];
 
 export interface Preferences {
   readonly language: Language;

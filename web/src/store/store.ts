@@ -20,6 +20,7 @@ import { Measures } from "./measures.ts";
 import { Places } from "./places.ts";
 import { MarkedPoint } from "./point.ts";
 import { type Task, choose, preferences } from "./preferences.ts";
+import { Reading } from "./reading.ts";
 import { Rows } from "./rows.ts";
 import { ShownLayers } from "./shown-layers.ts";
 import type { LoadProgress, Surface, SurfaceStatus } from "./surface.ts";
@@ -38,6 +39,7 @@ export class Store {
   readonly layers: ShownLayers;
   readonly places: Places;
   readonly findings: Findings;
+  readonly reading: Reading;
   readonly rows: Rows;
   readonly measures: Measures;
   readonly point: MarkedPoint;
@@ -124,6 +126,7 @@ export class Store {
     this.places = new Places(this.view, this.caseLayers);
     const depths = computed(() => this.surface?.depths ?? null);
     this.findings = new Findings(this.view, depths, (position) => this.surface?.wholeDepth(position) ?? null);
+    this.reading = new Reading(shown.id, this.findings.list);
     this.rows = new Rows(this.places, this.findings);
     this.measures = new Measures(this.view, depths, this.findings);
     this.point = new MarkedPoint(this.view, () => this.surface, this.layers);
@@ -144,7 +147,8 @@ export class Store {
     this.sweep.stop();
     this.cine.stop();
     this.caseLayers.dispose();
-    for (const part of [this.layers, this.places, this.rows, this.findings, this.measures, this.point]) part.dispose();
+    const { layers, places, rows, findings, reading, measures, point } = this;
+    for (const part of [layers, places, rows, findings, reading, measures, point]) part.dispose();
   }
 
   /** Who draws the surface and knows its points; what follows this hears when more is known. */

@@ -20,7 +20,7 @@ pub enum EventKind {
     Import,
     /// The identity of a patient was shown.
     PatientRecord,
-    /// A case, its findings or its layers were changed.
+    /// A case, its findings or its layers were changed, or a reading was signed.
     ProcedureRecord,
     /// Cases were listed or searched.
     Query,

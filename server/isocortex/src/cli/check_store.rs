@@ -48,6 +48,8 @@ struct Defects {
     lost_sources: BTreeSet<CaseId>,
     /// What a reader has marked: it is derived from nothing.
     lost_findings: BTreeSet<CaseId>,
+    /// The same of what a reader has concluded.
+    lost_readings: BTreeSet<CaseId>,
     to_rebuild: BTreeMap<CaseId, BTreeSet<ObjectKind>>,
     /// Failed cases and layers whose sources are whole.
     to_prepare: BTreeSet<CaseId>,
@@ -68,6 +70,11 @@ impl Defects {
             Defect::DamagedFindings(id) => {
                 println!("damaged: findings of case {id}");
                 self.lost_findings.insert(id);
+                return;
+            }
+            Defect::DamagedReading(id) => {
+                println!("damaged: reading of case {id}");
+                self.lost_readings.insert(id);
                 return;
             }
             Defect::FailedThoughWhole(id) => {
@@ -108,7 +115,8 @@ impl Defects {
         cases.extend(self.to_rebuild.keys());
         cases.extend(&self.to_prepare);
         cases.extend(self.layers_to_prepare.iter().map(|(case, _)| case));
-        cases.len() + self.lost_findings.len() + self.lost_for_pacs + self.to_adopt
+        let written = self.lost_findings.len() + self.lost_readings.len();
+        cases.len() + written + self.lost_for_pacs + self.to_adopt
     }
 
     /// Makes again what can be made again. Deletes nothing.
@@ -167,7 +175,7 @@ impl Defects {
         match args.repair {
             false => "run the command with `--repair`",
             true => {
-                "bring the missing files back, upload the volumes of these cases again, or delete the cases; restore findings from a backup; send images from a PACS again, and make results again"
+                "bring the missing files back, upload the volumes of these cases again, or delete the cases; restore findings and readings from a backup; send images from a PACS again, and make results again"
             }
         }
     }
@@ -253,7 +261,7 @@ fn report(adopted: &Adopted, images: usize) {
         images
     );
     println!(
-        "not in the objects, and gone since the backup: labels, findings, which cases are kept, names of layers that were changed, and which results were sent"
+        "not in the objects, and gone since the backup: labels, findings, readings, which cases are kept, names of layers that were changed, and which results were sent"
     );
 }
 

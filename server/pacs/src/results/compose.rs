@@ -7,7 +7,7 @@ use axum::http::StatusCode;
 use case::findings::Finding;
 use case::series::Uid;
 use case::{Case, CaseFacts, CaseId, Closed, LayerId, QualityState};
-use cases::report::ReportSubject;
+use cases::report::{AskedReport, ReportSubject};
 use cases::{Cases, Error, Patient};
 use imaging::dicom::Attributes;
 use imaging::dicom::write::{self, Head, KeyObjectTitle, Listed, WriteError, uid_of};
@@ -119,8 +119,13 @@ impl Composer {
                 let mut layers = cases.layers(&id).await?;
                 layers.retain(|layer| layer.closed.is_none());
                 let made_at = findings::last_change(&cases.findings(&id).await?.list);
-                let subject = ReportSubject::Named(&source);
-                let pdf = cases.report(&id, query, ReportFormat::Pdf, subject).await?;
+                let report = AskedReport {
+                    query,
+                    format: ReportFormat::Pdf,
+                    subject: ReportSubject::Named(&source),
+                    reading: None,
+                };
+                let pdf = cases.report(&id, report).await?;
                 let outline = Outline {
                     layers: layers.iter().map(|layer| layer.id).collect(),
                     made_by: blake3::hash(&pdf).to_string(),

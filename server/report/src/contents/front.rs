@@ -7,7 +7,7 @@ use super::{
     shortened, side_of,
 };
 use crate::words::Words;
-use crate::{Report, ReportedFinding, ShownPatient};
+use crate::{Report, ReportedFinding, ReportedReading, ShownPatient};
 
 /// The most findings in the conclusion, and the most letters of a note in it: all of them and the whole of it have their own pages.
 const MAX_CONCLUDED: usize = 5;
@@ -50,8 +50,15 @@ impl Report {
         Some(Block::KeyPicture(Picture { shot, caption }))
     }
 
-    /// What the reader wrote of the first findings, in short; or that nothing was marked.
+    /// What the reader concludes; without a reading, what was written of the first findings, in short, or that nothing was marked.
     fn conclusion(&self, words: &Words) -> Vec<Block<'static>> {
+        if let Some(reading) = &self.reading {
+            let lines = reading.conclusion.lines();
+            let written = lines.filter(|line| !line.trim().is_empty());
+            return written
+                .map(|line| Block::Large(Line::foreign(line)))
+                .collect();
+        }
         if self.findings.is_empty() {
             return vec![Block::Large(words.no_findings.into())];
         }
@@ -149,8 +156,11 @@ impl Report {
         (!rows.is_empty()).then_some(Block::Table(Table { head, rows }))
     }
 
-    /// Who read the case, and when; each may be written by hand.
+    /// Who read the case, and when; each may be written by hand where it is not signed.
     fn signature(&self, words: &Words) -> Facts {
+        if let Some(reading) = &self.reading {
+            return signature_of(words, reading);
+        }
         let findings = || self.findings.iter().map(|reported| &reported.finding);
         let mut authors: Vec<&str> = findings().filter_map(|one| one.author.as_deref()).collect();
         authors.sort_unstable();
@@ -163,6 +173,23 @@ impl Report {
             (words.signature, Line::default()),
         ]
     }
+}
+
+/// Who has signed a reading, and when; or who may.
+fn signature_of(words: &Words, reading: &ReportedReading) -> Facts {
+    let signed = reading.signed_at.as_deref();
+    let signed = signed.and_then(|at| Some((at.get(..10)?, at.get(11..16)?)));
+    let Some((day, time)) = signed else {
+        return vec![
+            (words.reader, Line::foreign(&reading.reader)),
+            (words.day, Line::default()),
+            (words.signature, Line::default()),
+        ];
+    };
+    let text = words.signed.replace("{day}", day).replace("{time}", time);
+    let (before, after) = text.split_once("{reader}").unwrap_or((&text, ""));
+    let line = Line::from(before).and_foreign(&reading.reader).and(after);
+    vec![(words.signature, line)]
 }
 
 /// The patient as the page has it, and the study.

@@ -346,6 +346,7 @@ mod tests {
                 language,
                 patient: false,
             },
+            reading: None,
             patient: None,
             maps: Err(Reason {
                 code: "failed-envelope".into(),
@@ -550,6 +551,41 @@ mod tests {
             }
             assert!(first.matches("<image").count() == 1 && !first.contains(&other));
             assert!(last.contains(appendix) && last.contains(&other) && !last.contains(&kept));
+        }
+    }
+
+    #[test]
+    fn the_conclusion_of_a_reading_stands_first_and_above_its_signature() {
+        for (language, signed) in [
+            (
+                Language::English,
+                "Signed by <bdi>ana &lt;b&gt;</bdi> on 2026-11-28 at 10:20 UTC",
+            ),
+            (
+                Language::Portuguese,
+                "Assinado por <bdi>ana &lt;b&gt;</bdi> em 2026-11-28 às 10:20 UTC",
+            ),
+        ] {
+            let mut report = reported(language);
+            report.reading = Some(crate::ReportedReading {
+                reader: "ana <b>".to_owned(),
+                conclusion: "Thick gyrus\n\nnothing <else>".to_owned(),
+                signed_at: None,
+            });
+            let first = |report: &Report| {
+                let html = report.contents().html();
+                let (first, _) = html.split_once(r#"<section class="page"#).unwrap();
+                first.to_owned()
+            };
+            let open = first(&report);
+            for line in ["<bdi>Thick gyrus</bdi>", "<bdi>nothing &lt;else&gt;</bdi>"] {
+                assert_eq!(open.matches(line).count(), 1, "{open}");
+            }
+            assert_eq!(open.matches(r#"class="large"#).count(), 2);
+            assert!(open.contains("ana &lt;b&gt;") && !open.contains("2026-11-28"));
+            report.reading.as_mut().unwrap().signed_at = Some("2026-11-28T10:20:30Z".to_owned());
+            assert!(first(&report).contains(signed), "{}", first(&report));
+            assert!(report.contents().pdf().unwrap().starts_with(b"%PDF"));
         }
     }
 

@@ -3,24 +3,26 @@
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
 use case::findings::{Certainty, Finding};
 use case::{CaseId, Gyrus, MapName, PatientSide};
-use cases::findings::{Findings, NotReplaced};
-use cases::{Cases, Error};
+use cases::Cases;
+use cases::findings::Findings;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::candidates::quoted;
+use super::versioned::{
+    JSON, Versioned, answer, as_json, known_tags, precondition_required, represented,
+};
 use crate::routes::asked::{CasePath, not_a_case_id};
-use http::conditional::{EntityTag, REVALIDATE, Representation};
+use http::conditional::EntityTag;
 use http::negotiate::{Coding, GZIP, media_type};
 use http::problem::{AppError, Problem};
 use http::query::{ApiQuery, NoQuery};
 use http::sent::json_body_within;
 
-const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
 const DICOM: &str = "application/dicom";
 
@@ -168,27 +170,6 @@ pub async fn take_over_findings(
     answer(cases.take_over_findings(&id, &known, &other).await)
 }
 
-/// The findings as they are stored now, or why they were not replaced.
-fn answer(replaced: Result<Findings, NotReplaced>) -> Result<Response, AppError> {
-    match replaced {
-        Ok(stored) => as_json(stored)?.respond(&HeaderMap::new()),
-        Err(NotReplaced::Changed(current)) => Ok(changed(current)),
-        Err(NotReplaced::Refused(refused)) => {
-            let kind = "findings-invalid";
-            Err(AppError::invalid(kind, refused.path, refused.detail))
-        }
-        Err(NotReplaced::Elsewhere(detail)) => Err(AppError::new(
-            StatusCode::CONFLICT,
-            "findings-elsewhere",
-            detail,
-        )),
-        Err(NotReplaced::Closed(detail)) => {
-            Err(AppError::new(StatusCode::CONFLICT, "closed", detail))
-        }
-        Err(NotReplaced::Other(error)) => Err(error.into()),
-    }
-}
-
 /// Whether the body is a DICOM file.
 fn is_dicom(request: &HeaderMap) -> bool {
     let kind = request.get(header::CONTENT_TYPE);
@@ -197,64 +178,28 @@ fn is_dicom(request: &HeaderMap) -> bool {
     essence.trim().eq_ignore_ascii_case(DICOM)
 }
 
-/// The strong tags of `If-Match`; `None` if there are none.
-fn known_tags(request: &HeaderMap) -> Option<Vec<&str>> {
-    let tags = request.get(header::IF_MATCH)?.to_str().ok()?.split(',');
-    let tags = tags.filter_map(|tag| tag.trim().strip_prefix('"')?.strip_suffix('"'));
-    let tags: Vec<_> = tags.collect();
-    (!tags.is_empty()).then_some(tags)
-}
+impl Versioned for Findings {
+    const INVALID: &'static str = "findings-invalid";
+    const CHANGED: (&'static str, &'static str) = (
+        "findings-changed",
+        "somebody has changed the findings since you read them; merge your changes with them, and send them again",
+    );
 
-fn precondition_required() -> AppError {
-    AppError::new(
-        StatusCode::PRECONDITION_REQUIRED,
-        "if-match-missing",
-        "send `If-Match` with the `ETag` of the findings that you have changed",
-    )
-}
-
-fn changed(current: Findings) -> Response {
-    let status = StatusCode::PRECONDITION_FAILED;
-    let problem = AppError::new(status, "findings-changed", "somebody has changed the findings since you read them; merge your changes with them, and send them again")
-    .problem();
-    let tag = EntityTag::from_digest(current.version.digest());
-    let body = FindingsChanged {
-        problem,
-        findings: current.list,
-    };
-    let mut response = (status, axum::Json(body)).into_response();
-    let headers = response.headers_mut();
-    for (name, value) in [
-        (
-            header::CONTENT_TYPE,
-            HeaderValue::from_static("application/problem+json"),
-        ),
-        (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
-        (header::ETAG, tag.header()),
-    ] {
-        headers.insert(name, value);
+    fn tag(&self) -> EntityTag {
+        EntityTag::from_digest(self.version.digest())
     }
-    response
-}
 
-fn as_json(findings: Findings) -> Result<Representation, AppError> {
-    let tag = EntityTag::from_digest(findings.version.digest());
-    let list = FindingList {
-        findings: findings.list,
-    };
-    let body = serde_json::to_vec(&list).map_err(|_| Error::Internal)?;
-    Ok(represented(tag, JSON, body.into()))
-}
+    fn shown(self) -> impl Serialize {
+        FindingList {
+            findings: self.list,
+        }
+    }
 
-fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Representation {
-    Representation {
-        tag,
-        media_type,
-        coding: Coding::Identity,
-        body,
-        headers: HeaderMap::new(),
-        vary: "accept",
-        cache_control: REVALIDATE,
+    fn changed(self, problem: Problem) -> impl Serialize {
+        FindingsChanged {
+            problem,
+            findings: self.list,
+        }
     }
 }
 

@@ -14,6 +14,7 @@ pub mod health;
 pub mod layers;
 pub mod masks;
 pub mod mesh;
+pub mod readings;
 pub mod registration;
 pub mod render;
 pub mod renders;
@@ -23,6 +24,7 @@ pub mod sign_in;
 pub mod slices;
 pub mod textures;
 pub mod upload;
+mod versioned;
 
 use std::sync::Arc;
 
@@ -74,7 +76,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
         (name = "masks", description = "Brain masks: download, replace, quality"),
         (name = "textures", description = "Voxels, for clients that render"),
         (name = "layers", description = "Further volumes of the same head, maps of the junction of grey and white matter, and the places that stand out in them"),
-        (name = "findings", description = "What readers have marked and written"),
+        (name = "findings", description = "What readers have marked and written, and their signed readings"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
     )
@@ -86,7 +88,7 @@ fn introduction() -> String {
         "The cortex of the brain as curved cuts at any depth below the dura. {RESEARCH_USE_NOTICE}\n\n\
          Lengths are in mm, coordinates in the patient space of DICOM (LPS), angles in degrees. Unknown query keys are an \
          error. Errors are application/problem+json (RFC 9457) with a stable `type`. Everything under a case is immutable \
-         and carries a strong ETag, except its state, its events, its findings, annotated pictures, lists of pictures and what depends on its layers."
+         and carries a strong ETag, except its state, its events, its findings, its readings, annotated pictures, lists of pictures and what depends on its layers."
     )
 }
 
@@ -149,6 +151,23 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
                     Scope::Write,
                     Audited::Change,
                     routes!(findings::take_over_findings),
+                )
+                .with(Scope::Read, Audited::View, routes!(readings::list_readings))
+                .with(Scope::Read, Audited::View, routes!(readings::get_reading))
+                .with(
+                    Scope::Read,
+                    Audited::View,
+                    routes!(readings::get_own_reading),
+                )
+                .with(
+                    Scope::Write,
+                    Audited::Change,
+                    routes!(readings::put_own_reading),
+                )
+                .with(
+                    Scope::Write,
+                    Audited::Signature,
+                    routes!(readings::sign_own_reading),
                 )
                 .map(|routes| routes.layer(DefaultBodyLimit::max(findings::MAX_BYTES))),
         )

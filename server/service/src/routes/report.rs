@@ -1,21 +1,53 @@
 //! The report of a reading.
 
-use ::report::{POLICY, ReportFormat, ReportQuery};
+use ::report::{Language, POLICY, ReportFormat, ReportQuery};
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use cases::Cases;
-use cases::report::ReportSubject;
+use cases::report::{AskedReport, ReportSubject};
+use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
 
-use crate::routes::asked::{CasePath, Keys};
+use super::readings::named;
+use crate::routes::asked::CasePath;
 use access::audited::NamesPatient;
+use access::proxy::plain_name;
+use access::tokens::Holder;
 use http::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
 use http::negotiate::{Coding, media_type};
 use http::problem::AppError;
-use http::query::ApiQuery;
+use http::query::{ApiQuery, Asked};
 
 const HTML: &str = "text/html";
 const PDF: &str = "application/pdf";
+
+/// The keys of a report.
+#[derive(Debug, Clone, Default, Serialize, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub struct ReportKeys {
+    /// The language: `en` or `pt-BR`.
+    #[serde(default)]
+    #[param(inline)]
+    language: Language,
+    /// Whether to name the patient and the study, if the case was created from DICOM. The report is patient data then.
+    #[serde(default)]
+    #[param(default = false)]
+    patient: bool,
+    /// The reader of the reading that it is of: the last version of one's own, or the last signed one of somebody else, as `…/readings/by/{reader}`
+    /// shows it. Page 1 has its conclusion, and who has signed it when. Without this key, the report is that of the findings of the case.
+    reading: Option<String>,
+}
+
+impl Asked for ReportKeys {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        Ok(())
+    }
+}
 
 /// The report of a reading: one file, to read, to print and to keep
 ///
@@ -26,20 +58,20 @@ const PDF: &str = "application/pdf";
 /// store it then.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/report", tag = "findings",
-    params(("id" = String, Path, description = "The case"), ReportQuery),
+    params(("id" = String, Path, description = "The case"), ReportKeys),
     responses(
         (status = 200, description = "The report", content((String = "text/html"), (Vec<u8> = "application/pdf"))),
         (status = 406, description = "Neither HTML nor PDF is accepted"),
-        (status = 409, description = "The case or its maps are not ready"),
+        (status = 404, description = "There is no such case, or no such reading (`no-such-reading`)"),
+        (status = 409, description = "The case or its maps are not ready, or the reading is of somebody else and whoever asks has not signed their own (`reading-hidden`)"),
         (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_report(
     State(cases): State<Cases>,
+    Extension(holder): Extension<Holder>,
     CasePath(id): CasePath,
-    ApiQuery {
-        asked: Keys(asked), ..
-    }: ApiQuery<Keys<ReportQuery>>,
+    ApiQuery { asked, .. }: ApiQuery<ReportKeys>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let is_pdf = media_type(&request, &[HTML, PDF])? == PDF;
@@ -56,8 +88,24 @@ pub async fn get_report(
         true => NO_STORE,
         false => REVALIDATE,
     };
-    let subject = ReportSubject::OfCase;
-    let body = cases.report(&id, asked, format, subject).await?;
+    let reading = match &asked.reading {
+        None => None,
+        Some(reader) => {
+            let asker = named(&holder).ok();
+            let reading = cases.reading(&id, asker, reader, None).await?;
+            Some((reading, plain_name(reader).to_owned()))
+        }
+    };
+    let report = AskedReport {
+        query: ReportQuery {
+            language: asked.language,
+            patient: asked.patient,
+        },
+        format,
+        subject: ReportSubject::OfCase,
+        reading,
+    };
+    let body = cases.report(&id, report).await?;
     let mut response = Representation {
         tag: EntityTag::of_bytes(&body, Coding::Identity),
         media_type,

@@ -16,14 +16,14 @@ async fn put(server: &Server, case: &str, tag: &str, findings: &Value) -> Answer
 }
 
 /// A point in the head, `left_mm` to the left of its middle.
-async fn place(server: &Server, case: &str, left_mm: f64) -> Value {
+pub(super) async fn place(server: &Server, case: &str, left_mm: f64) -> Value {
     let case = server.get(case).await.json();
     let centre = &case["envelope_sphere"]["center_in_patient"];
     let at = |axis: usize| centre[axis].as_f64().unwrap();
     json!([at(0) + left_mm, at(1), at(2)])
 }
 
-fn point(id: &str, at: &Value) -> Value {
+pub(super) fn point(id: &str, at: &Value) -> Value {
     json!({
         "id": id, "kind": "point", "points_in_patient": [at], "depth_mm": 8.5,
         "label": "thick <b>gyrus</b>", "note": "one\ntwo", "certainty": "possible", "colour": "#00ff00",

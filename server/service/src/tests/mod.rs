@@ -4,6 +4,7 @@ mod findings;
 mod immutable;
 mod layers;
 mod queries;
+mod readings;
 mod refusals;
 mod registration;
 mod report;

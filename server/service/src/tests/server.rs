@@ -103,6 +103,23 @@ pub(super) fn head() -> &'static (Bytes, Bytes) {
     })
 }
 
+fn router(cases: &Cases, access: Access) -> Router {
+    let http = HttpOptions {
+        access,
+        uploads: UploadLimits {
+            max_bytes: MAX_UPLOAD_BYTES,
+            at_a_time: 1,
+            idle: Duration::from_secs(1),
+            whole: Duration::from_secs(60),
+        },
+        answer_timeout: Duration::from_secs(60),
+        frame_ancestors: Default::default(),
+        guard_all: false,
+        audit: Default::default(),
+    };
+    app(AppState::new(cases.clone(), http))
+}
+
 impl Server {
     /// A server on an empty store, without workers: what is uploaded waits.
     pub(super) async fn start() -> Self {
@@ -138,25 +155,18 @@ impl Server {
             deidentify: false,
             before_removal: Default::default(),
         };
-        let http = HttpOptions {
-            access,
-            uploads: UploadLimits {
-                max_bytes: MAX_UPLOAD_BYTES,
-                at_a_time: 1,
-                idle: Duration::from_secs(1),
-                whole: Duration::from_secs(60),
-            },
-            answer_timeout: Duration::from_secs(60),
-            frame_ancestors: Default::default(),
-            guard_all: false,
-            audit: Default::default(),
-        };
         let cases = Cases::open(options).await.unwrap();
         Self {
-            router: app(AppState::new(cases.clone(), http)),
+            router: router(&cases, access),
             cases,
             directory,
         }
+    }
+
+    /// The same server for others who may ask.
+    pub(super) fn opened_to(self, access: Access) -> Self {
+        let router = router(&self.cases, access);
+        Self { router, ..self }
     }
 
     /// A server, and the address of the coarse head, which is ready.

@@ -235,14 +235,15 @@ async fn count_removal(connection: &mut Connection, day: i64) -> Result<i64, Sto
     row.get("removed")
 }
 
-/// When the latest case, layer or finding was written; `None` if there is none.
+/// When the latest case, layer, finding or reading was written; `None` if there is none.
 pub(crate) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
     let row = connection
         .fetch_one(
             "SELECT max(at) AS newest FROM
                (SELECT max(COALESCE(uploaded_at, created_at)) AS at FROM cases
                 UNION ALL SELECT max(created_at) FROM layers
-                UNION ALL SELECT max(changed_at) FROM findings) AS times",
+                UNION ALL SELECT max(changed_at) FROM findings
+                UNION ALL SELECT max(coalesce(signed_at, changed_at)) FROM readings) AS times",
             args![],
         )
         .await?;

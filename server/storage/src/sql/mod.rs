@@ -17,6 +17,7 @@ pub(crate) mod made;
 mod owners;
 pub(crate) mod pins;
 mod postgres;
+mod readings;
 pub(crate) mod series;
 mod sqlite;
 mod store_id;
@@ -39,17 +40,31 @@ use self::connection::{Connection, Database, Migrations, Tables, Way};
 use super::StoreError;
 
 /// Development versions numbered their steps from 1 to 199.
-const SQLITE: &Migrations = &[(
-    200,
-    "store",
-    include_str!("../../migrations/sqlite/0200_store.sql"),
-)];
+const SQLITE: &Migrations = &[
+    (
+        200,
+        "store",
+        include_str!("../../migrations/sqlite/0200_store.sql"),
+    ),
+    (
+        220,
+        "readings",
+        include_str!("../../migrations/sqlite/0220_readings.sql"),
+    ),
+];
 
-const POSTGRES: &Migrations = &[(
-    200,
-    "store",
-    include_str!("../../migrations/postgres/0200_store.sql"),
-)];
+const POSTGRES: &Migrations = &[
+    (
+        200,
+        "store",
+        include_str!("../../migrations/postgres/0200_store.sql"),
+    ),
+    (
+        220,
+        "readings",
+        include_str!("../../migrations/postgres/0220_readings.sql"),
+    ),
+];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::upkeep::{Copied, CopyStep, Defect, Inspected};
-use crate::{LayerName, LayerUpload, frame};
+use crate::{LayerName, LayerUpload, WrittenReading, frame};
 use case::{Failure, JobKind, LayerParameters};
 
 fn closer() -> Parameters {
@@ -131,6 +131,10 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     let none = from.findings(&ids[0]).await.unwrap().version;
     let found = from.replace_findings(&ids[0], none, "[1]".to_owned());
     assert!(matches!(found.await, Ok(Replaced::Done(_))));
+    let begun = from.write_reading(&ids[0], "ana", None, "{}".to_owned());
+    let WrittenReading::Done(begun) = begun.await.unwrap() else {
+        panic!("a reading")
+    };
     let (first, reported) = copied(&from, &to).await;
     assert_eq!(reported, ids.map(|id| (id, true)), "the oldest first");
     let files = objects_below(&there.path().join("objects"));
@@ -149,6 +153,8 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
         let findings = to.findings(id).await.unwrap();
         assert_eq!(findings, from.findings(id).await.unwrap());
     }
+    let copied_reading = to.reading(&ids[0], "ana", 1).await.unwrap();
+    assert_eq!(copied_reading.as_ref(), Some(&begun));
     assert_eq!(
         waiting(&to, JobKind::PREPARE).await,
         1,
@@ -156,8 +162,13 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     );
     assert_nothing_left_over(&to, there.path()).await;
 
+    let signed = from.sign_reading(&ids[0], &begun).await;
+    assert!(matches!(signed, Ok(WrittenReading::Done(_))));
     let (again, _) = copied(&from, &to).await;
     assert_eq!((again.objects, again.bytes, again.kept), (0, 0, 12));
+    let readings = to.readings(&ids[0]).await.unwrap();
+    assert!(readings[0].signed_at.is_some());
+    assert_eq!(readings, from.readings(&ids[0]).await.unwrap());
     let damaged = object(&to, &ids[0], ObjectKind::Forest).await;
     std::fs::write(file_of(&there, &damaged), b"damaged").unwrap();
     let (mended, _) = copied(&from, &to).await;

@@ -104,7 +104,7 @@ async fn copy_case(
     Ok(is_whole)
 }
 
-/// Copies the series of a case, of which images it was made, and its findings.
+/// Copies the series of a case, of which images it was made, its findings, and its readings.
 async fn copy_of_case(from: &Store, to: &Store, id: &CaseId) -> Result<(), StoreError> {
     let series = series::of_case(&mut from.connect().await?, id).await?;
     let known = series::of_case(&mut to.connect().await?, id).await?;
@@ -117,6 +117,14 @@ async fn copy_of_case(from: &Store, to: &Store, id: &CaseId) -> Result<(), Store
     let findings = from.findings(id).await?;
     if findings != to.findings(id).await? {
         to.write_copied_findings(id, &findings).await?;
+    }
+    let known = to.readings(id).await?;
+    for state in from.readings(id).await? {
+        if !known.contains(&state)
+            && let Some(reading) = from.reading(id, &state.reader, state.version).await?
+        {
+            to.write_copied_reading(id, &reading).await?;
+        }
     }
     Ok(())
 }

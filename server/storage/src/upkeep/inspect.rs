@@ -18,6 +18,8 @@ pub enum Defect {
     Damaged(Option<CaseId>, ObjectName),
     /// The findings of a case are damaged.
     DamagedFindings(CaseId),
+    /// A reading of a case is damaged.
+    DamagedReading(CaseId),
     /// A case failed because a source was damaged, and its sources are whole now.
     FailedThoughWhole(CaseId),
     /// The same of a layer.
@@ -122,6 +124,12 @@ async fn inspect_case(
     match store.findings(id).await {
         Err(StoreError::DamagedFindings(id)) => report(Defect::DamagedFindings(id)),
         other => _ = other?,
+    }
+    for state in store.readings(id).await? {
+        match store.reading(id, &state.reader, state.version).await {
+            Err(StoreError::DamagedReading(id)) => report(Defect::DamagedReading(id)),
+            other => _ = other?,
+        }
     }
     for name in all_objects_of(store, id).await? {
         let Some(defect) = inspect_object(store, (Some(*id), name), inspected).await? else {

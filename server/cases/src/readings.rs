@@ -1,0 +1,185 @@
+//! The readings of a case: what named readers conclude, each on their own until they have signed.
+
+use case::CaseId;
+use case::findings::FindingRefused;
+use case::readings::Reading;
+use jiff::Timestamp;
+use storage::{FindingsVersion, ReadingState, StoreError, StoredReading, WrittenReading};
+
+use crate::findings::NotReplaced;
+use crate::{Cases, Error};
+
+/// A version of the reading of a reader.
+#[derive(Debug, Clone)]
+pub struct KeptReading {
+    /// The name by which the reader signs in.
+    pub reader: String,
+    /// From 1; a correction of a signed one is the next.
+    pub version: u32,
+    /// `None` while it is open.
+    pub signed_at: Option<Timestamp>,
+    pub reading: Reading,
+    /// Names what is stored, and whether it is signed.
+    pub tag: FindingsVersion,
+    /// `None` before anything is.
+    stored: Option<StoredReading>,
+}
+
+impl KeptReading {
+    /// The reading that somebody has not begun.
+    fn unbegun(reader: &str) -> Self {
+        Self {
+            reader: reader.to_owned(),
+            version: 1,
+            signed_at: None,
+            reading: Reading::default(),
+            tag: FindingsVersion::of(""),
+            stored: None,
+        }
+    }
+
+    fn read(stored: StoredReading) -> Result<Self, Error> {
+        let StoredReading { state, document } = &stored;
+        let signed_at = state.signed_at;
+        let signed_us = signed_at.map(|at| at.as_microsecond());
+        let named = format!("{} {signed_us:?} {document}", state.version);
+        Ok(Self {
+            reader: state.reader.clone(),
+            version: state.version,
+            signed_at,
+            reading: serde_json::from_str(document).map_err(StoreError::from)?,
+            tag: FindingsVersion::of(&named),
+            stored: Some(stored),
+        })
+    }
+}
+
+/// Whether somebody has signed a version of their own reading: they see those of others then.
+pub fn has_signed(readings: &[ReadingState], reader: Option<&str>) -> bool {
+    let mut own = readings.iter().filter(|one| Some(&*one.reader) == reader);
+    own.any(|one| one.signed_at.is_some())
+}
+
+impl Cases {
+    /// Who has read a case in any state, by reader and version.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchCase`], or an error of the store.
+    pub async fn readings(&self, id: &CaseId) -> Result<Vec<ReadingState>, Error> {
+        self.case(id).await?;
+        Ok(self.store().readings(id).await?)
+    }
+
+    /// The last version of the reading of whoever asks; an empty one if it is not begun.
+    ///
+    /// # Errors
+    /// As [`Cases::readings`].
+    pub async fn own_reading(&self, id: &CaseId, reader: &str) -> Result<KeptReading, Error> {
+        match self.reading(id, Some(reader), reader, None).await {
+            Err(Error::NoSuchReading) => Ok(KeptReading::unbegun(reader)),
+            other => other,
+        }
+    }
+
+    /// A version of a reading, or its last one. Those of others are shown once they are signed, to somebody who has signed their own.
+    ///
+    /// # Errors
+    /// [`Error::ReadingHidden`], [`Error::NoSuchReading`], or as [`Cases::readings`].
+    pub async fn reading(
+        &self,
+        id: &CaseId,
+        asker: Option<&str>,
+        reader: &str,
+        version: Option<u32>,
+    ) -> Result<KeptReading, Error> {
+        let readings = self.readings(id).await?;
+        let is_own = asker == Some(reader);
+        if !is_own && !has_signed(&readings, asker) {
+            return Err(Error::ReadingHidden);
+        }
+        let is_asked = |one: &&ReadingState| {
+            one.reader == reader
+                && version.is_none_or(|version| version == one.version)
+                && (is_own || one.signed_at.is_some())
+        };
+        let asked = readings.iter().rfind(is_asked);
+        let version = asked.ok_or(Error::NoSuchReading)?.version;
+        let stored = self.store().reading(id, reader, version).await?;
+        KeptReading::read(stored.ok_or(Error::NoSuchReading)?)
+    }
+
+    /// Keeps the reading of somebody of a ready case, if it is still of one of the versions that the client knows; returns it with what the server
+    /// adds to its findings. It is durable then. After a signed version, this is the next.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`], and [`NotReplaced`].
+    pub async fn keep_reading(
+        &self,
+        id: &CaseId,
+        reader: &str,
+        known: &[&str],
+        mut reading: Reading,
+    ) -> Result<KeptReading, NotReplaced<KeptReading>> {
+        let facts = self.ready(id).await?;
+        let before = self.own_reading(id, reader).await?;
+        if !known.contains(&&*before.tag.to_string()) {
+            return Err(NotReplaced::Changed(before));
+        }
+        reading.check_conclusion().map_err(NotReplaced::Refused)?;
+        // What is taken from the findings of the case keeps its times.
+        let joint = self.findings(id).await?.list;
+        let older = [joint, before.reading.findings].concat();
+        self.complete(id, &facts, &older, &mut reading.findings)
+            .await
+            .map_err(NotReplaced::Refused)?;
+        let document = serde_json::to_string(&reading).map_err(StoreError::from)?;
+        let stored = before.stored.as_ref();
+        let written = self.store().write_reading(id, reader, stored, document);
+        self.written(id, reader, written.await?).await
+    }
+
+    /// Signs the reading of somebody of a case that counts, if it is still of one of the versions that the client knows. Nobody
+    /// changes this version then.
+    ///
+    /// # Errors
+    /// [`NotReplaced`]: `Closed`, or `Refused` if nothing is concluded.
+    pub async fn sign_reading(
+        &self,
+        id: &CaseId,
+        reader: &str,
+        known: &[&str],
+    ) -> Result<KeptReading, NotReplaced<KeptReading>> {
+        self.check_open(id).await?;
+        let before = self.own_reading(id, reader).await?;
+        if !known.contains(&&*before.tag.to_string()) {
+            return Err(NotReplaced::Changed(before));
+        }
+        if before.signed_at.is_some() {
+            return Ok(before);
+        }
+        let is_concluded = !before.reading.conclusion.trim().is_empty();
+        let Some(stored) = before.stored.filter(|_| is_concluded) else {
+            return Err(NotReplaced::Refused(FindingRefused {
+                path: "conclusion".to_owned(),
+                detail: "must not be empty when it is signed".to_owned(),
+            }));
+        };
+        let written = self.store().sign_reading(id, &stored).await?;
+        self.written(id, reader, written).await
+    }
+
+    async fn written(
+        &self,
+        id: &CaseId,
+        reader: &str,
+        written: WrittenReading,
+    ) -> Result<KeptReading, NotReplaced<KeptReading>> {
+        match written {
+            WrittenReading::Done(stored) => Ok(KeptReading::read(stored)?),
+            WrittenReading::Changed => {
+                Err(NotReplaced::Changed(self.own_reading(id, reader).await?))
+            }
+            WrittenReading::NoSuchCase => Err(Error::NoSuchCase.into()),
+        }
+    }
+}

@@ -1,0 +1,200 @@
+// The conclusion of whoever reads, its signature, and the readings of others beside it.
+
+import { useEffect, useState } from "preact/hooks";
+
+import { ask, plainName } from "../base/api.ts";
+import { gyrusWords, moment, number, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import { type Finding, numbered } from "../model/findings.ts";
+import {
+  LONGEST_CONCLUSION,
+  type ListedReading,
+  type Reading,
+  SAME_PLACE_MM,
+  compared,
+  ofOthers,
+} from "../model/readings.ts";
+import { isNamed, mayWrite } from "../store/holder.ts";
+import { confirmSign, open } from "./dialogs.tsx";
+import { Button, type OfStore, Quiet, Row, Section, Status, Written } from "./fields.tsx";
+
+/** A reader as people know them. */
+const nameOf = ({ reader }: { readonly reader: string }): string => plainName({ name: reader });
+
+const momentOf = ({ signed_at }: { readonly signed_at?: string }): string => (signed_at ? moment(signed_at) : "–");
+
+export function ReadingSection({ store }: OfStore) {
+  const { reading } = store;
+  const mayRead = isNamed.value && mayWrite.value;
+  useEffect(() => void reading.load(), [mayRead]);
+  return (
+    <Section title="panel.reading" name="reading" data-task="read" onOpen={() => void reading.load()}>
+      {mayRead && <Own store={store} />}
+      {!isNamed.value && <Quiet>{t("reading.unnamed")}</Quiet>}
+      {isNamed.value && !mayWrite.value && <Quiet>{t("findings.read-only")}</Quiet>}
+      <Others store={store} />
+    </Section>
+  );
+}
+
+/** One's own conclusion, and its signature. */
+function Own({ store }: OfStore) {
+  const { reading, findings } = store;
+  const mine = reading.mine.value;
+  const isSigned = reading.isSigned.value;
+  const sign = async (): Promise<void> => {
+    if (!mine) return;
+    const count = number(numbered(findings.list.peek()).length);
+    const about = { version: number(mine.version), count, reader: nameOf(mine) };
+    if (await confirmSign(t("reading.ask-text", about))) await reading.sign();
+  };
+  return (
+    <>
+      <fieldset class="writing" disabled={!mine || isSigned || reading.isBusy.value}>
+        <Written
+          id="conclusion"
+          rows={4}
+          placeholder={t("reading.conclusion")}
+          aria-label={t("reading.conclusion")}
+          value={reading.conclusion.value}
+          most={LONGEST_CONCLUSION}
+          excessWords={(values) => t("reading.excess", values)}
+          onType={(typed) => reading.write(typed)}
+        />
+      </fieldset>
+      {mine && isSigned && (
+        <p class="signed">
+          {t("reading.signed", { version: number(mine.version), reader: nameOf(mine), at: momentOf(mine) })}
+        </p>
+      )}
+      <Status id="reading-status" words={reading.status.value} />
+      {mine && !isSigned && (
+        <Quiet>
+          {mine.version > 1 ? t("reading.correcting", { version: number(mine.version) }) : t("reading.hint")}
+        </Quiet>
+      )}
+      <Row>
+        {isSigned ? (
+          <Button disabled={reading.isBusy.value} onClick={() => void reading.correct()}>
+            {t("reading.correct")}
+          </Button>
+        ) : (
+          <Button disabled={!mine || !reading.isBegun.value || reading.isBusy.value} onClick={() => void sign()}>
+            {t("reading.sign")}
+          </Button>
+        )}
+      </Row>
+    </>
+  );
+}
+
+/** Who else has read the case. */
+function Others({ store }: OfStore) {
+  const others = ofOthers(store.reading.all.value);
+  if (others.length === 0) return null;
+  return (
+    <ul class="other-readings" aria-label={t("reading.others")}>
+      {others.map((one) => (
+        <li key={one.reader}>
+          <span>
+            {one.state === "open"
+              ? t("reading.other-open", { reader: nameOf(one) })
+              : t("reading.other-signed", { reader: nameOf(one), at: momentOf(one) })}
+          </span>
+          {one.state === "signed" && !one.is_shown && <Quiet>{t("reading.hidden")}</Quiet>}
+          {one.is_shown && (
+            <Button
+              onClick={() => void open(t("reading.compare-title"), "readings", <Both store={store} other={one} />)}
+            >
+              {t("reading.compare", { reader: nameOf(one) })}
+            </Button>
+          )}
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+/** One's own last signed reading and that of somebody else, side by side. */
+function Both({ store: { reading, shown }, other }: OfStore & { readonly other: ListedReading }) {
+  const [both, setBoth] = useState<readonly [Reading, Reading] | null>(null);
+  const [said, say] = useState("");
+  useEffect(() => {
+    const mine = reading.all.peek().findLast((one) => one.is_mine && one.state === "signed");
+    const ofVersion = ({ reader, version }: ListedReading): Promise<Reading> =>
+      ask(`v1/cases/${shown.id}/readings/by/${encodeURIComponent(reader)}?version=${version}`);
+    const asked = mine ? [mine, other] : [];
+    Promise.all(asked.map(ofVersion)).then(
+      ([own, theirs]) => own && theirs && setBoth([own, theirs]),
+      (problem: unknown) => say(problemWords(problem)),
+    );
+  }, []);
+  if (!both) return <Status words={said} />;
+  const [mine, theirs] = both;
+  const { both: agreed, ...alone } = compared(mine.findings, theirs.findings);
+  const reader = nameOf(theirs);
+  const groups = [
+    [t("reading.agreed", { mm: number(SAME_PLACE_MM), count: number(agreed.length) }), agreed],
+    [t("reading.mine-alone", { count: number(alone.mine.length) }), alone.mine.map((one) => [one, null] as const)],
+    [
+      t("reading.theirs-alone", { reader, count: number(alone.theirs.length) }),
+      alone.theirs.map((one) => [null, one] as const),
+    ],
+  ] as const;
+  return (
+    <table class="two-readings">
+      <thead>
+        <tr>
+          <th scope="col">{`${t("reading.mine", { version: number(mine.version) })} · ${momentOf(mine)}`}</th>
+          <th scope="col">{`${reader} · ${momentOf(theirs)}`}</th>
+        </tr>
+      </thead>
+      <tbody>
+        <tr class="conclusions">
+          {both.map(({ conclusion }, at) => (
+            <td key={at} dir="auto">
+              {conclusion}
+            </td>
+          ))}
+        </tr>
+      </tbody>
+      {groups.map(([words, rows]) => (
+        <tbody key={words}>
+          <tr>
+            <th colSpan={2} scope="rowgroup">
+              {words}
+            </th>
+          </tr>
+          {rows.map((pair, at) => (
+            <tr key={at}>
+              {pair.map((one, side) => (
+                <td key={side}>{one && <About finding={one} />}</td>
+              ))}
+            </tr>
+          ))}
+        </tbody>
+      ))}
+    </table>
+  );
+}
+
+/** A finding in a few words: where it is, and what its reader wrote. */
+const About = ({ finding }: { readonly finding: Finding }) => {
+  const { side, gyrus, label, note, certainty, depth_mm } = finding;
+  const words = [
+    t(`side.${side ?? "unknown"}`),
+    gyrusWords(gyrus),
+    `${number(depth_mm, 1)} mm`,
+    certainty && t(`certainty.${certainty}`),
+  ];
+  return (
+    <>
+      <span>{words.filter(Boolean).join(" · ")}</span>
+      {[label, note].filter(Boolean).map((text, at) => (
+        <p key={at} dir="auto">
+          {text}
+        </p>
+      ))}
+    </>
+  );
+};

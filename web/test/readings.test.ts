@@ -1,0 +1,184 @@
+// The readings of two readers side by side, and how a conclusion comes to the server and is signed.
+
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import { signal } from "@preact/signals";
+
+import { type Finding, newFinding } from "../src/model/findings.ts";
+import { type ListedReading, compared, ofOthers } from "../src/model/readings.ts";
+import type { Vec3 } from "../src/model/space.ts";
+import { speak } from "../src/base/i18n.ts";
+import { holder, isNamed } from "../src/store/holder.ts";
+import { Reading } from "../src/store/reading.ts";
+import english from "../src/words.en.json";
+
+const at = (id: string, position: Vec3, change: Partial<Finding> = {}): Finding => ({
+  ...newFinding({ points_in_patient: [position], depth_mm: 8 }),
+  id,
+  ...change,
+});
+const ids = (list: readonly Finding[]): string => list.map(({ id }) => id).join();
+
+test("findings within 10 mm agree, those of the other side do not, and each agrees with one at most", () => {
+  const mine = [at("left", [20, 0, 30]), at("far", [0, 60, 0]), at("no", [5, 5, 5], { is_dismissed: true })];
+  const theirs = [
+    at("mirrored", [-20, 0, 30]),
+    at("near", [20, 0, 39.9]),
+    at("nearest", [20, 6, 30]),
+    at("seen", [5, 5, 5]),
+    at("beyond", [0, 60, 10.1]),
+  ];
+  const found = compared(mine, theirs);
+  assert.deepEqual(
+    found.both.map((pair) => ids(pair)),
+    ["left,nearest"],
+  );
+  assert.deepEqual([ids(found.mine), ids(found.theirs)], ["far", "mirrored,near,seen,beyond"]);
+  // Who is asked first does not matter.
+  const turned = compared(theirs, mine);
+  assert.deepEqual([ids(turned.mine), ids(turned.theirs)], ["mirrored,near,seen,beyond", "far"]);
+});
+
+test("of each other reader the last signed version counts, and an open one if none is signed", () => {
+  const one = (reader: string, version: number, state: "open" | "signed", is_mine = false): ListedReading => ({
+    reader,
+    version,
+    state,
+    is_mine,
+    is_shown: false,
+  });
+  const all = [
+    one("ana", 1, "signed", true),
+    one("ben", 1, "signed"),
+    one("ben", 2, "signed"),
+    one("ben", 3, "open"),
+    one("carla", 1, "open"),
+  ];
+  assert.deepEqual(
+    ofOthers(all).map(({ reader, version }) => `${reader} ${version}`),
+    ["ben 2", "carla 1"],
+  );
+});
+
+// -- To the server and back
+
+interface Stored {
+  version: number;
+  state: "open" | "signed";
+  conclusion: string;
+  findings: readonly Finding[];
+}
+
+/** A server with the reading of Ana. */
+class Server {
+  mine: Stored = { version: 1, state: "open", conclusion: "", findings: [] };
+  tag = 1;
+  readonly seen: string[] = [];
+  isAway = false;
+
+  readonly fetch = async (path: unknown, { method = "GET", headers = {}, body }: RequestInit = {}) => {
+    if (this.isAway) throw new TypeError("unreachable");
+    if (String(path).endsWith("/readings")) return Response.json({ readings: [] });
+    this.seen.push(method);
+    const known = (headers as Readonly<Record<string, string>>)["if-match"];
+    if (method !== "GET" && known !== `"${this.tag}"`) return new Response("", { status: 412 });
+    if (method === "PUT") {
+      const { conclusion, findings } = JSON.parse(String(body)) as Stored;
+      const isSigned = this.mine.state === "signed";
+      this.put({ version: this.mine.version + (isSigned ? 1 : 0), state: "open", conclusion, findings });
+    }
+    if (method === "POST") this.put({ ...this.mine, state: "signed" });
+    return Response.json({ reader: "proxy:ana", ...this.mine }, { headers: { etag: `"${this.tag}"` } });
+  };
+
+  put(stored: Stored): void {
+    this.mine = stored;
+    this.tag += 1;
+  }
+}
+
+let server: Server;
+let reading: Reading;
+const list = signal<readonly Finding[]>([]);
+
+beforeEach(async () => {
+  speak("en", english);
+  mock.timers.enable({ apis: ["setTimeout"] });
+  server = new Server();
+  mock.method(globalThis, "fetch", server.fetch);
+  Object.assign(globalThis, { addEventListener: () => {}, removeEventListener: () => {} });
+  holder.value = { name: "proxy:ana", scopes: ["read", "write"] };
+  list.value = [at("a", [1, 2, 3])];
+  reading = new Reading("0".repeat(32), list);
+  await reading.load();
+  server.seen.length = 0;
+});
+
+afterEach(() => {
+  mock.timers.reset();
+  mock.restoreAll();
+  holder.value = null;
+});
+
+test("a conclusion is sent as soon as the hand rests, and again once the server is back", async () => {
+  reading.write("Thick");
+  reading.write("Thick gyrus\r\nleft\u202e");
+  assert.ok(!reading.isKept);
+  mock.timers.tick(500);
+  await reading.flush();
+  assert.deepEqual([server.mine.conclusion, server.seen], ["Thick gyrus\nleft", ["PUT"]]);
+  assert.equal(reading.status.value, english["findings.kept"]);
+  server.isAway = true;
+  reading.write("Thin");
+  mock.timers.tick(500);
+  await assert.rejects(reading.flush());
+  assert.match(reading.status.value, /Not stored yet/);
+  server.isAway = false;
+  mock.timers.tick(5000);
+  await reading.flush();
+  assert.deepEqual([server.mine.conclusion, reading.status.value], ["Thin", english["findings.kept"]]);
+});
+
+test("what is signed has the findings as they are shown, stays, and is corrected by its next version", async () => {
+  reading.write("Thick");
+  assert.ok(await reading.sign());
+  assert.deepEqual([server.mine.state, server.mine.conclusion, ids(server.mine.findings)], ["signed", "Thick", "a"]);
+  assert.ok(reading.isSigned.value && reading.isKept);
+  list.value = [...list.value, at("b", [9, 9, 9])];
+  assert.equal(await reading.reported(), "proxy:ana");
+  assert.equal(ids(server.mine.findings), "a", "a report changes nothing that is signed");
+  assert.ok(await reading.correct());
+  assert.deepEqual([server.mine.version, server.mine.state, server.mine.conclusion], [2, "open", "Thick"]);
+  list.value = [at("c", [7, 7, 7])];
+  await reading.reported();
+  assert.equal(ids(server.mine.findings), "c");
+});
+
+test("what another window wrote meanwhile stays, and is never signed unseen", async () => {
+  server.put({ ...server.mine, conclusion: "of the other window" });
+  reading.write("of this one");
+  await reading.flush();
+  assert.equal(server.mine.conclusion, "of the other window\n\nof this one");
+  assert.equal(reading.conclusion.value, server.mine.conclusion);
+  server.put({ ...server.mine, conclusion: "another one" });
+  assert.equal(await reading.sign(), false);
+  assert.deepEqual(
+    [server.mine.state, server.mine.conclusion],
+    ["open", "another one\n\nof the other window\n\nof this one"],
+  );
+  assert.equal(reading.status.value, english["problem.reading-changed"]);
+  server.put({ ...server.mine, state: "signed" });
+  assert.equal(await reading.sign(), false);
+  assert.equal(server.mine.version, 1);
+});
+
+test("everybody's token and this machine are nobody", () => {
+  const named = (name: string): boolean => {
+    holder.value = { name, scopes: [] };
+    return isNamed.value;
+  };
+  assert.deepEqual(["anybody", "token", "ana", "proxy:token"].map(named), [false, false, true, true]);
+  holder.value = null;
+  assert.ok(!isNamed.value);
+});
