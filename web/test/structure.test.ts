@@ -15,6 +15,7 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   page: ["model", "base", "gl", "store", "panes"],
   compare: ["model", "base", "store", "page"],
   launch: ["base", "store", "page"],
+  share: ["model", "base", "store", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";
