@@ -113,7 +113,12 @@ function Findings({ store }: OfStore) {
             const row = rows.all.value.find((one) => one.finding?.id === finding.id);
             const side = finding.side ?? sideOf(middleOf(finding), shown.midsagittal);
             return (
-              <li key={finding.id} data-id={finding.id} aria-current={row !== undefined && rows.open.value === row}>
+              <li
+                key={finding.id}
+                data-id={finding.id}
+                data-judgement="kept"
+                aria-current={row !== undefined && rows.open.value === row}
+              >
                 <Button class="row-button" onClick={() => row && goToRow(store, row)}>
                   <span class="dot" style={{ borderColor: finding.colour }}>
                     {number(at + 1)}
@@ -198,7 +203,6 @@ function show(shown: ReadyCase, about: About, place: HTMLElement): void {
     const state = store.view.state.value;
     Object.assign(document.body.dataset, { layout: state.layout, slices: hasSlices(state) });
   });
-  document.body.classList.add("viewing");
   document.title = `${caseIdentity(shown)} · Isocortex`;
   render(<Frame viewer={viewer} about={about} />, place);
   hearKeys(viewer);
