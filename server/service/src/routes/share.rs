@@ -112,7 +112,7 @@ struct Shared {
     depths: Texture,
     /// From the best on: the first one that fits is taken.
     volumes: Vec<(VolumeForm, Texture)>,
-    /// The surfaces of parts of the brain, which the file has if they fit, too; none if the case has only that of the whole brain.
+    /// The surfaces of parts of the brain, as many as fit; none if the case has only that of the whole brain.
     parts: Vec<(SurfaceName, Value, Texture)>,
 }
 
@@ -167,15 +167,16 @@ impl Shared {
         let (volume, packed) = volumes
             .find_map(|(form, texture)| Some((form, room.texture(&form.path(), texture)?)))?;
         answers.push(packed);
-        let parts = self.parts.into_iter().flat_map(|(part, case, depths)| {
+        let parts = self.parts.into_iter().map_while(|(part, case, depths)| {
             let query = format!("?surface={}", part.name());
-            [
-                room.json(&query, &case),
-                room.texture(&format!("/distance{query}"), depths),
-            ]
+            let depths = room.texture(&format!("/distance{query}"), depths)?;
+            Some([room.json(&query, &case)?, depths])
         });
+        let mut parts: Vec<_> = parts.collect();
         // One half alone would have no other side.
-        let parts: Vec<_> = parts.collect::<Option<_>>().unwrap_or_default();
+        if parts.len() == 1 {
+            parts.clear();
+        }
         let about = json!({
             "id": self.id.to_string(),
             "language": self.language,
@@ -183,7 +184,7 @@ impl Shared {
             "volume": volume,
             "has_parts": !parts.is_empty(),
         });
-        answers.extend(parts);
+        answers.extend(parts.into_iter().flatten());
         let (head, tail) = DOCUMENT.split_once(MARK)?;
         let mut file = Vec::with_capacity(most_bytes - room.0);
         file.extend_from_slice(head.as_bytes());
@@ -397,7 +398,9 @@ mod tests {
                 (form(16, Extent::Envelope), of(16, brain)),
                 (form(8, Extent::Envelope), of(8, brain)),
             ],
-            parts: vec![(SurfaceName::Left, json!({}), texture(vec![0; 16], "i16", 2))],
+            parts: [SurfaceName::Left, SurfaceName::Right]
+                .map(|half| (half, json!({}), texture(vec![0; 16], "i16", 2)))
+                .into(),
         }
     }
 
