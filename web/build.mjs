@@ -1,6 +1,7 @@
 // Bundles the page into dist/, which the server carries, and the widget into the Python package: `node build.mjs`.
 // `node build.mjs tests` bundles the tests into build/ instead, for Node to run.
 
+import { createHash } from "node:crypto";
 import { mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
 import { promisify } from "node:util";
@@ -72,6 +73,8 @@ const DOCUMENTS = [
   },
 ];
 const STYLE = "src/style.css";
+/** The document that the server fills with a case, to hand on. */
+const SHARED = { file: "share.html", template: "src/share.html", entry: "src/share/main.tsx" };
 
 /**
  * Writes into dist/ the documents, the scripts and the style sheet, each also as brotli and gzip, and `manifest.json`,
@@ -114,6 +117,13 @@ async function page() {
     files.set(file, Buffer.from(template.replace(/\{\{(\w+)\}\}/g, (_, name) => values[name])));
     return { address, file, loads: [values.style, values.script, ...chunks] };
   });
+  files.set(
+    SHARED.file,
+    await shared(
+      shapes,
+      outputFiles.find(({ path: name }) => path.extname(name) === ".css"),
+    ),
+  );
   const manifest = JSON.stringify({ documents, hashed }, null, 2);
   await mkdir(dist, { recursive: true });
   for (const [name, contents] of files) await writeServed(name, contents);
@@ -131,6 +141,20 @@ async function widget() {
     loader: { ".css": "text" },
     minify: true,
   });
+}
+
+/** A document that holds all that it runs: the server adds what it shows. */
+async function shared(icons, { text: sheet }) {
+  const { outputFiles } = await build({ ...common, entryPoints: [SHARED.entry], minify: true, write: false });
+  const script = outputFiles[0].text;
+  const style = sheet.replace(/\n?\/\*# sourceMappingURL.*\*\/\n?/, "");
+  const digest = (text) => `'sha256-${createHash("sha256").update(text).digest("base64")}'`;
+  const policy = `default-src 'none'; script-src ${digest(script)}; style-src ${digest(style)}; base-uri 'none'; form-action 'none'`;
+  if (/<\/script|<!--/i.test(script) || /<\//.test(style))
+    throw new Error("the script or the style would end its element");
+  const template = await readFile(path.join(web, SHARED.template), "utf8");
+  const values = { icons, policy, script, style };
+  return Buffer.from(template.replace(/\{\{(\w+)\}\}/g, (_, name) => values[name]));
 }
 
 /** The scripts that a script imports at once, and those that they import. */

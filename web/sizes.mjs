@@ -18,6 +18,8 @@ const sizes = {
   first_load: await sum([first.file, ...first.loads]),
   /** All documents, scripts, style sheets and words. */
   total: await sum([...documents.map(({ file }) => file), ...hashed.filter((name) => !name.endsWith(".map"))]),
+  /** What a file to hand on holds besides its case. */
+  shared_document: await size("share.html"),
 };
 
 if (process.argv[2] === "record") await writeFile(BASE, `${JSON.stringify(sizes, null, 2)}\n`);

@@ -26,6 +26,7 @@ fn main() {
     };
     fs::write(folders.out.join("page_files.rs"), folders.list(&manifest))
         .expect("the list is written");
+    folders.copy("share.html");
 }
 
 struct Folders {
@@ -52,19 +53,22 @@ impl Folders {
     fn file(&self, name: &str, address: &str, is_immutable: bool) -> String {
         let [bytes, brotli, gzip] = ["", ".br", ".gz"].map(|ending| {
             let file = format!("{name}{ending}");
-            println!(
-                "cargo::rerun-if-changed={}",
-                self.dist.join(&file).display()
-            );
-            let copied = self.out.join(&file);
-            if let Err(error) = fs::copy(self.dist.join(&file), &copied) {
-                panic!("web/dist/{file}: {error}; run `make web`");
-            }
-            format!("include_bytes!({copied:?})")
+            format!("include_bytes!({:?})", self.copy(&file))
         });
         format!(
             "    PageFile {{ name: {name:?}, address: {address:?}, is_immutable: {is_immutable}, bytes: {bytes}, brotli: {brotli}, gzip: {gzip} }},\n"
         )
+    }
+
+    /// Copies a file of the page; where it is then.
+    fn copy(&self, file: &str) -> PathBuf {
+        let bundled = self.dist.join(file);
+        println!("cargo::rerun-if-changed={}", bundled.display());
+        let copied = self.out.join(file);
+        if let Err(error) = fs::copy(bundled, &copied) {
+            panic!("web/dist/{file}: {error}; run `make web`");
+        }
+        copied
     }
 }
 

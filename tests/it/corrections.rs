@@ -565,15 +565,15 @@ async fn what_is_closed_says_so_wherever_it_is_shown() {
         }
         pictures
     };
-    let report = async |language: &str| {
-        let report = server
-            .get(&format!("{case}/report?language={language}"))
+    let file = async |name: &str, language: &str| {
+        let file = server
+            .get(&format!("{case}/{name}?language={language}"))
             .await;
-        let text = String::from_utf8_lossy(&report.body).into_owned();
-        (report.header("x-isocortex-closed").to_owned(), text)
+        let text = String::from_utf8_lossy(&file.body).into_owned();
+        (file.header("x-isocortex-closed").to_owned(), text)
     };
     let open = pictures().await;
-    let (header, text) = report("en").await;
+    let (header, text) = file("report", "en").await;
     assert!(header.is_empty() && !text.contains("CLOSED"));
     let slices = head_slices();
     let moved = identified(&[exchanged(&slices[3])]);
@@ -612,9 +612,11 @@ async fn what_is_closed_says_so_wherever_it_is_shown() {
             ("en", ["CLOSED:", english]),
             ("pt-BR", ["ENCERRADO:", portuguese]),
         ] {
-            let (header, text) = report(language).await;
-            assert_eq!(header, why);
-            assert!(words.iter().all(|word| text.contains(word)), "{words:?}");
+            for name in ["report", "share"] {
+                let (header, text) = file(name, language).await;
+                assert_eq!(header, why, "{name}");
+                assert!(words.iter().all(|word| text.contains(word)), "{words:?}");
+            }
         }
     }
 }

@@ -16,6 +16,7 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   compare: ["model", "base", "store", "page"],
   launch: ["base", "store", "page"],
   widget: ["model", "base", "store", "panes"],
+  share: ["model", "base", "store", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

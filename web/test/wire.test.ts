@@ -12,6 +12,7 @@ import {
   vertexCount,
   WireError,
   pathsLength,
+  summed,
 } from "../src/model/wire.ts";
 
 const MESH = { contour_count: 3, points_per_contour: 4 };
@@ -25,6 +26,13 @@ test("positions and triangles of another length are refused", () => {
   assert.equal(decodePositions(new ArrayBuffer(12 * 14), MESH).length, 42);
   assert.throws(() => decodePositions(new ArrayBuffer(12 * 14 + 4), MESH), WireError);
   assert.throws(() => decodeTriangles(new ArrayBuffer(12), MESH), WireError);
+});
+
+test("numbers are the sums of their differences, modulo 2¹⁶", () => {
+  const planes = Uint8Array.of(10, 4, 1, 13, 2, 0, 0, 0, 0, 0);
+  assert.deepEqual([...new Uint16Array(summed(planes))], [5, 7, 6, 65535, 0]);
+  const code = 2 * (65536 - 40000) - 1;
+  assert.deepEqual([...new Uint16Array(summed(Uint8Array.of(0, code & 255, 0, code >> 8)))], [0, 40000]);
 });
 
 test("triangles of vertices that there are not are refused", () => {

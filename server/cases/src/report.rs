@@ -109,8 +109,12 @@ impl Cases {
         let own = maps.is_ok().then_some([MapName::Blur, MapName::Thickness]);
         let of_flair = matches!(flair, Some(Ok(_))).then_some(MapName::Flair);
         let drawn: Vec<_> = own.into_iter().flatten().chain(of_flair).collect();
-        let (pictures, overview) =
-            shots::draw(self, id, &facts, &findings, reference.as_ref(), &drawn).await?;
+        let (pictures, overview) = match format {
+            ReportFormat::Text => shots::none(&findings),
+            ReportFormat::Html | ReportFormat::Pdf => {
+                shots::draw(self, id, &facts, &findings, reference.as_ref(), &drawn).await?
+            }
+        };
         let mut reported = Vec::new();
         for (finding, pictures) in findings.into_iter().zip(pictures) {
             let numbers = self.numbers(id, &maps, &sampled, &finding).await?;
@@ -177,7 +181,10 @@ impl Cases {
     }
 
     /// The patient in the files of the case.
-    async fn shown_patient(&self, id: &CaseId) -> Result<ShownPatient, Error> {
+    ///
+    /// # Errors
+    /// As [`Store::source_dicom`](storage::Store::source_dicom).
+    pub async fn shown_patient(&self, id: &CaseId) -> Result<ShownPatient, Error> {
         let Some(stored) = self.store().source_dicom(id).await? else {
             return Ok(ShownPatient::NotFromDicom);
         };

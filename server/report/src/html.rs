@@ -35,6 +35,16 @@ impl Contents<'_> {
         page.into_string()
     }
 
+    /// The words of all sections, without pictures.
+    pub(crate) fn text(&self) -> String {
+        let text = html! {
+            article lang=(self.language) {
+                @for section in &self.sections { @for block in &section.blocks { (words_of(block)) } }
+            }
+        };
+        text.into_string()
+    }
+
     /// The words in the margins of every printed page.
     fn margins(&self) -> String {
         format!(
@@ -97,6 +107,18 @@ fn block(block: &Block<'_>) -> Markup {
             div.sign { @for (name, value) in fields { div { span { (line(value)) } small { (name) } } } }
         },
         Block::Overview(each) => overview(each),
+    }
+}
+
+/// A block without its pictures.
+fn words_of(each: &Block<'_>) -> Markup {
+    match each {
+        Block::KeyPicture(_) | Block::Pictures(..) | Block::Overview(_) => Markup::default(),
+        Block::PicturesAndFacts(_, _, about, numbers) => html! {
+            @if !about.is_empty() { (facts(about)) }
+            @if let Some(numbers) = numbers { (table(numbers)) }
+        },
+        words => block(words),
     }
 }
 

@@ -36,6 +36,8 @@ pub enum ReportFormat {
     Html,
     /// PDF, for archives and for paper.
     Pdf,
+    /// The words alone, as a part of an HTML document; the report needs no pictures then.
+    Text,
 }
 
 /// Why there is no report.
@@ -77,6 +79,7 @@ impl Report {
         match format {
             ReportFormat::Html => Ok(contents.html().into()),
             ReportFormat::Pdf => contents.pdf(),
+            ReportFormat::Text => Ok(contents.text().into()),
         }
     }
 }

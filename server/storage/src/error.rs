@@ -439,7 +439,10 @@ mod tests {
     fn the_sentences_name_no_cause_and_what_can_be_done() {
         let canary = || std::io::Error::other("/home/CANARY");
         for (error, words) in [
-            (StoreError::from(canary()), "the disk of the store cannot be read or written"),
+            (
+                StoreError::from(canary()),
+                "the disk of the store cannot be read or written",
+            ),
             (
                 sqlx::Error::Io(canary()).into(),
                 "the database of the store failed",

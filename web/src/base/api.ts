@@ -78,7 +78,7 @@ export type Carrier = (path: string, options: RequestInit) => Promise<Response>;
 
 const carriers: { readonly prefix: string; readonly carry: Carrier }[] = [];
 
-/** Lets a carrier send the requests that begin with a prefix, as in a notebook, which has no server; the last one counts. */
+/** Lets a carrier send the requests that begin with a prefix, where there is no server, as in a notebook or a file; the last one counts. */
 export function carryBy(prefix: string, carry: Carrier): () => void {
   const one = { prefix, carry };
   carriers.push(one);

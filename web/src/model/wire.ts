@@ -127,6 +127,19 @@ function summedRows(planes: Uint16Array, row_count: number, vertices: number): U
   return rows;
 }
 
+/** Numbers of 16 bits from their differences, as `server/service/src/wire/texture.rs` writes them: all lower bytes, then all upper ones. */
+export function summed(planes: Uint8Array): ArrayBuffer {
+  const count = planes.length / 2;
+  const numbers = new Uint16Array(count);
+  for (let at = 0, sum = 0; at < count; at += 1) {
+    const code = (planes[at] ?? 0) | ((planes[count + at] ?? 0) << 8);
+    sum += (code >>> 1) ^ -(code & 1);
+    // What is written is taken modulo 2¹⁶.
+    numbers[at] = sum;
+  }
+  return numbers.buffer;
+}
+
 /** How to read a block of voxels. */
 export interface TextureLayout {
   readonly size: Vec3;

@@ -197,7 +197,8 @@ export class App {
     announced.value = "";
     noted.value = { ...noted.peek(), words: "" };
     const { rest = "", finding = "" }: Partial<OfCase> = address.kind === "case" ? address : {};
-    this.viewer.value = ready && new Viewer(ready, { rest, finding, left: this.#memory.of(ready), serverOnly });
+    this.viewer.value =
+      ready && new Viewer(ready, { rest, finding, left: this.#memory.of(ready), serverOnly, shared: null });
     // Where the list lies over the picture, it has been chosen from.
     if (ready && window.innerWidth < BESIDE_PIXELS) choose({ list: false });
   }

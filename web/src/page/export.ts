@@ -4,8 +4,9 @@ import { viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { type LayerOverlay, styleOf } from "../model/maps.ts";
 import { type HalfLook, hasSlices, type ViewState } from "../model/state.ts";
+import { getFile } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { intensity, number, t } from "../base/i18n.ts";
+import { intensity, number, spoken, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { depthWords, positionWords } from "../base/readout.ts";
 import { writer } from "../panes/map-bar.ts";
@@ -15,6 +16,7 @@ import type { Closer } from "../panes/closer.ts";
 import type { MapPane } from "../panes/flat-map.ts";
 import type { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfacePane } from "../panes/surface-pane.ts";
+import type { Store } from "../store/store.ts";
 import { captioned, programWords, saveFile } from "./picture-file.ts";
 
 export interface OnScreen {
@@ -99,6 +101,23 @@ export async function copyPicture(view: OnScreen, times: number): Promise<string
   } catch (error) {
     const isForbidden = error instanceof DOMException || typeof ClipboardItem === "undefined";
     return isForbidden ? t("export.no-clipboard") : problemWords(error);
+  }
+}
+
+/** Saves the case as one file to look at, once the server has all findings. */
+export async function saveShared({ shown, findings }: Store, isNamed: boolean): Promise<string> {
+  try {
+    // A file without the last sentence would look as if it were complete: then there is none.
+    await findings.sync.flush();
+  } catch (problem) {
+    return t("findings.unsaved", { why: problemWords(problem) });
+  }
+  try {
+    const query = new URLSearchParams({ language: spoken(), ...(isNamed && { patient: "true" }) });
+    saveFile(await getFile(`${shown.id}/share?${query}`, "text/html"), `${fileStem(shown)}.html`);
+    return t("export.share.saved");
+  } catch (problem) {
+    return problemWords(problem);
   }
 }
 

@@ -3,10 +3,9 @@
 import { useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { getPicture, handOver, plainName } from "../base/api.ts";
-import { caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
+import { caseStatus, caseTitle } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
 import { keyOf } from "../model/keys.ts";
-import { doubtsOf } from "../model/quality.ts";
 import { PLANE_NAMES, type Plane } from "../model/space.ts";
 import { LAYOUTS } from "../model/state.ts";
 import { listAddress } from "../model/worklist.ts";
@@ -23,6 +22,7 @@ import { Panel } from "./panel.tsx";
 import { maskDialog, useDrawn } from "./server-picture.tsx";
 import { settingsDialog } from "./settings.tsx";
 import { UploadForm } from "./upload.tsx";
+import { Verdict } from "./notices.tsx";
 import type { Viewer } from "./viewer.tsx";
 
 interface OfApp {
@@ -202,7 +202,11 @@ function Stage({ app }: OfApp) {
           {mayWrite.value && <Button onClick={() => void app.trash(chosen, false)}>{t("trash.take-out")}</Button>}
         </p>
       )}
-      {viewer && <Verdict viewer={viewer} />}
+      {viewer && (
+        <Verdict quality={viewer.store.shown.quality}>
+          <Button onClick={() => maskDialog(viewer.store.shown.id)}>{t("quality.look")}</Button>
+        </Verdict>
+      )}
       <p
         id="case-note"
         class={chosen?.state === "failed" ? "stage-note bad" : "stage-note"}
@@ -260,30 +264,5 @@ function Others({ app }: OfApp) {
         {t("launch.choose")}
       </a>
     </Remark>
-  );
-}
-
-/** A warning before a picture whose sides or mask are doubtful. */
-function Verdict({ viewer }: { readonly viewer: Viewer }) {
-  const { shown } = viewer.store;
-  const { quality } = shown;
-  const doubts = doubtsOf(quality);
-  // Beside another case that has one, it keeps its room.
-  if (!quality || doubts.length === 0) return <div class="quality" hidden />;
-  return (
-    <div class="quality" role="note" data-verdict={quality.state}>
-      {doubts.map((doubt) => [
-        <strong class="quality-badge" data-verdict={quality.state}>
-          {t(`quality.${doubt}`)}
-        </strong>,
-        <span>{t(`quality.${doubt}.text`)}</span>,
-      ])}
-      <Button onClick={() => maskDialog(shown.id)}>{t("quality.look")}</Button>
-      <ul>
-        {reasonWords(quality).map((reason) => (
-          <li>{reason}</li>
-        ))}
-      </ul>
-    </div>
   );
 }

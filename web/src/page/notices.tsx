@@ -1,8 +1,12 @@
 // The lines above the picture: what went wrong, who draws, and how far the loading is.
 
+import type { ComponentChildren } from "preact";
 import { useLayoutEffect, useRef } from "preact/hooks";
 
+import { reasonWords } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
+import type { Quality } from "../model/case.ts";
+import { doubtsOf } from "../model/quality.ts";
 import { noted } from "../store/announce.ts";
 import { type OfStore, Remark } from "./fields.tsx";
 
@@ -16,7 +20,7 @@ export function unreadWords(parts: readonly string[]): string {
   return named.length > 0 ? t("address.unread", { parts: named.join(", ") }) : "";
 }
 
-export function Notices({ store }: OfStore) {
+export function Notices({ store, isShared }: OfStore & { readonly isShared: boolean }) {
   const trouble = store.trouble.value;
   const fallback = store.status.value?.fallback;
   const remark = store.remark.value;
@@ -33,13 +37,42 @@ export function Notices({ store }: OfStore) {
           {trouble}
         </p>
         <p class="notice-line" role="status" hidden={!fallback}>
-          {fallback && t(`fallback.${fallback}`)}
+          {fallback && t(isShared ? "share.no-webgl" : `fallback.${fallback}`)}
         </p>
         <Remark hidden={remark === ""} dismiss={() => (store.remark.value = "")}>
           <span>{remark}</span>
         </Remark>
       </div>
     </>
+  );
+}
+
+/** A warning before a picture whose sides or mask are doubtful, with a control that says more. */
+export function Verdict({
+  quality,
+  children,
+}: {
+  readonly quality: Quality | undefined;
+  readonly children?: ComponentChildren;
+}) {
+  const doubts = doubtsOf(quality);
+  // Beside another case that has one, it keeps its room.
+  if (!quality || doubts.length === 0) return <div class="quality" hidden />;
+  return (
+    <div class="quality" role="note" data-verdict={quality.state}>
+      {doubts.map((doubt) => [
+        <strong class="quality-badge" data-verdict={quality.state}>
+          {t(`quality.${doubt}`)}
+        </strong>,
+        <span>{t(`quality.${doubt}.text`)}</span>,
+      ])}
+      {children}
+      <ul>
+        {reasonWords(quality).map((reason) => (
+          <li>{reason}</li>
+        ))}
+      </ul>
+    </div>
   );
 }
 

@@ -9,8 +9,20 @@ import { keyOf } from "../model/keys.ts";
 import { MAP_NAMES, type MapName, isLayerId, isMap } from "../model/maps.ts";
 import { allLayersOf, hasSlices } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
-import { type OnScreen, copied, copyPicture, savePicture } from "./export.ts";
-import { Button, Buttons, Choice, Icon, IconButton, Menu, type OfStore, Quiet, Row, Status } from "./fields.tsx";
+import { type OnScreen, copied, copyPicture, savePicture, saveShared } from "./export.ts";
+import {
+  Button,
+  Buttons,
+  Choice,
+  Icon,
+  IconButton,
+  Menu,
+  type OfStore,
+  Quiet,
+  Row,
+  Status,
+  Ticked,
+} from "./fields.tsx";
 import { Comparison, OverlayControls, WindowControls } from "./look-controls.tsx";
 import { RulerControls } from "./measures-section.tsx";
 import { seriesDialog } from "./series.tsx";
@@ -182,6 +194,7 @@ type Times = (typeof TIMES)[number];
 function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
   const [times, setTimes] = useState<Times>(1);
   const [note, say] = useState("");
+  const [isNamed, setNamed] = useState(false);
   /** Reports in words what becomes of a file. */
   const telling = (words: string, work: () => Promise<string>) => (
     <Button
@@ -224,6 +237,13 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
           {t("alone.show")}
         </Button>
       </Row>
+      <Row>
+        {telling(t("export.share"), () => saveShared(store, isNamed))}
+        {store.shown.links?.dicom && (
+          <Ticked id="share-patient" words={t("findings.patient")} checked={isNamed} onTick={setNamed} />
+        )}
+      </Row>
+      <Quiet>{t("export.share.about")}</Quiet>
       <Status words={note} />
     </>
   );

@@ -19,6 +19,7 @@ import { announce } from "../store/announce.ts";
 import { goToRow, settle } from "../store/bring.ts";
 import { catchUp } from "../store/commands.ts";
 import { Store } from "../store/store.ts";
+import type { SharedVolume } from "../store/surface.ts";
 import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
 import { LoadingLine, Note, Notices, unreadWords } from "./notices.tsx";
@@ -36,6 +37,8 @@ export interface Opening {
   readonly left: Left;
   /** Whether the server alone draws. */
   readonly serverOnly: boolean;
+  /** What the file holds in which the case is looked at; null: there is a server. */
+  readonly shared: SharedVolume | null;
 }
 
 export class Viewer {
@@ -57,15 +60,17 @@ export class Viewer {
   #said: string | null = null;
   #isDisposed = false;
   #finding: string;
+  readonly #isShared: boolean;
 
-  constructor(shown: ReadyCase, { rest, finding, left, serverOnly }: Opening) {
+  constructor(shown: ReadyCase, { rest, finding, left, serverOnly, shared }: Opening) {
     // An address that says something says all; one that names the case alone leaves it as it was.
     const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left.state, shown);
     const { state, unread } = isAsLeft ? { state: left.state, unread: [] } : readState(rest, shown);
     const store = (this.store = new Store(shown, state, left.history));
     store.remark.value = unreadWords(unread);
     this.#finding = finding;
-    this.#surface = new SurfacePane(store, serverOnly);
+    this.#surface = new SurfacePane(store, { serverOnly, shared });
+    this.#isShared = shared !== null;
     this.#slices = new SliceGroup(store, () => this.#schedule());
     this.#panes = h(
       "div",
@@ -88,13 +93,15 @@ export class Viewer {
     this.element = h(
       "div",
       { class: "viewer" },
-      this.#mounted(
-        <>
-          <Tools store={store} onScreen={() => this.onScreen} />
-          <SeriesStrip store={store} />
-        </>,
-      ),
-      this.#mounted(<Notices store={store} />),
+      shared
+        ? null
+        : this.#mounted(
+            <>
+              <Tools store={store} onScreen={() => this.onScreen} />
+              <SeriesStrip store={store} />
+            </>,
+          ),
+      this.#mounted(<Notices store={store} isShared={shared !== null} />),
       this.#panes,
       this.#mounted(<Explanation />),
       this.#mounted(<DepthBar store={store} />),
@@ -126,7 +133,7 @@ export class Viewer {
     store.isLoaded.value = true;
     store.meet(this.#surface.surface);
     void this.#readFindings();
-    store.caseLayers.ask().catch(() => {});
+    if (!this.#isShared) store.caseLayers.ask().catch(() => {});
     catchUp(store);
     this.#schedule();
   }
@@ -265,7 +272,8 @@ export class Viewer {
     const { store } = this;
     const state = store.drawn.peek();
     this.#surface.draw(state, store.isMoving.peek() || store.sweep.isRunning.peek());
-    if (hasSlices(state)) this.#slices.show(state);
+    // Nobody else draws the slices of a file.
+    if (hasSlices(state) && (!this.#isShared || store.status.peek()?.canSlice)) this.#slices.show(state);
     if (state.layout !== "closer") {
       this.#closer?.dispose();
       this.#closer = null;

@@ -7,7 +7,7 @@ import { unfenced, voxelCount, type Block, type PathsTable } from "../model/wire
 import { patiently } from "../base/patience.ts";
 import type { FieldMaps } from "../gl/scene.ts";
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
-import type { LoadProgress } from "../store/surface.ts";
+import type { LoadProgress, SharedVolume } from "../store/surface.ts";
 
 /** The most bytes of a whole volume that the page holds; slices of a larger one are the server's. */
 const MOST_WHOLE_BYTES = 96 << 20;
@@ -86,6 +86,23 @@ export class CaseData {
     if (draws && !this.hasFirst) await this.#loadFirst(assets, depth_mm, signal);
     count.enter("rest");
     await this.#loadRest(assets, draws, signal, () => count.enter("ready"));
+  }
+
+  /** Reads what a file holds: nothing is drawn before all of it is here, and no mesh is needed. */
+  async loadShared(
+    { bits, extent }: SharedVolume,
+    signal: AbortSignal,
+    hear: (progress: LoadProgress) => void,
+  ): Promise<void> {
+    const assets = new Assets(this.#case.id, signal, new ByteCount(() => {}));
+    hear({ stage: "ready", loaded: 0, total: 0 });
+    const [volume, field] = await Promise.all([assets.volume(bits, extent), assets.distance("all")]);
+    const made = await patiently(fieldMaps(field), signal);
+    // Slices show all that the file has.
+    Object.assign(this.fetched, { volume, isWhole: true, field: made });
+    await this.#listener.first(signal);
+    this.fetched.field = { ...made, gradients: new Int8Array() };
+    this.#listener.whole(volume, made);
   }
 
   /** Fetches all that was acquired, in the place of what lies around the brain; it is null if that is too much. */

@@ -93,6 +93,7 @@ export class Cortex implements Surface {
     });
     this.#device = options.serverOnly ? null : this.#taken();
     this.#way = this.#isServed() ? "server" : "mesh";
+    this.#wholeAsked = options.shared !== null;
     this.#resized.observe(host);
     this.#tell();
   }
@@ -104,8 +105,10 @@ export class Cortex implements Surface {
     if (!fitsMemory(this.#case) || this.#isComplete) return;
     this.#gaveUp = false;
     try {
+      const { shared } = this.#options;
       const depth_mm = this.#state?.depth_mm ?? clampDepth(FIRST_DEPTH_MM, this.#case);
-      await this.#data.load(depth_mm, this.#device !== null, both, onProgress);
+      if (shared) await this.#data.loadShared(shared, both, onProgress);
+      else await this.#data.load(depth_mm, this.#device !== null, both, onProgress);
     } catch (error) {
       this.#gaveUp = !this.#data.fetched.field;
       this.#schedule();
@@ -415,13 +418,13 @@ export class Cortex implements Surface {
 
   /**
    * Lets the server draw: where it draws anyway, and until there is what the page draws with, or the surface of a part. Until the
-   * server can draw that part, there is no picture: never one of another surface.
+   * server can draw that part, and without a server, there is no picture: never one of another surface.
    */
   #drawThere(state: ViewState): void {
     const isServed = this.#isServed(state);
     if (isServed) this.#way = "server";
     this.#surface = state.surface;
-    const canServe = this.#hasSurfaces(state, true);
+    const canServe = !this.#options.shared && this.#hasSurfaces(state, true);
     // What the page draws with itself comes after all of the whole brain.
     if (!canServe || (!isServed && this.#isComplete))
       this.#bringParts(surfacesOf(state), isServed || !this.#isComplete);
@@ -441,8 +444,9 @@ export class Cortex implements Surface {
     const wanted = state.way === "auto" ? this.#pace.way : state.way;
     const canDraw = (way: Drawn): boolean => painter.canDraw(way, state.depth_mm, surfacesOf(state));
     const hasMesh = canDraw("mesh");
-    // The mesh of a part comes after the part.
-    if ((wanted === "exact" || (!hasMesh && isPart(state.surface))) && canDraw("exact")) return "exact";
+    // The mesh of a part comes after the part; a file has none.
+    const mayLackMesh = isPart(state.surface) || this.#options.shared !== null;
+    if ((wanted === "exact" || (!hasMesh && mayLackMesh)) && canDraw("exact")) return "exact";
     return hasMesh ? "mesh" : null;
   }
 

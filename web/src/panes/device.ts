@@ -72,7 +72,7 @@ export class Device {
    * Makes a painter that has all that has been fetched, at first or after a lost context; false: this context ended.
    */
   async fill(fetched: Fetched, signal: AbortSignal): Promise<boolean> {
-    if (!fetched.triangles || this.gl.isContextLost()) return false;
+    if (!fetched.volume || this.gl.isContextLost()) return false;
     const context = this.#context.signal;
     try {
       this.painter = await this.#filled(fetched, AbortSignal.any([signal, context]));

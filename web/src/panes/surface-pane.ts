@@ -68,7 +68,7 @@ export class SurfacePane {
   #laid: readonly unknown[] = [];
   #ghost: Vec2 | null = null;
 
-  constructor(store: Store, serverOnly: boolean) {
+  constructor(store: Store, source: Pick<SurfaceOptions, "serverOnly" | "shared">) {
     const { shown } = store;
     this.#shown = shown;
     this.#store = store;
@@ -103,7 +103,7 @@ export class SurfacePane {
       onStatus: (status) => this.#onStatus(status),
       layer: (name) => store.caseLayers.voxels(name),
       noPart: (problem) => leavePart(store, problem),
-      serverOnly,
+      ...source,
     };
     this.surface = new Cortex(this.host, shown, options);
     store.paneSize = () => this.#whole;

@@ -19,6 +19,12 @@ export interface LoadProgress {
   readonly total: number;
 }
 
+/** The intensities that a file holds, in which a case is looked at without a server: with so many bits, and how far around the brain. */
+export interface SharedVolume {
+  readonly bits: 8 | 16;
+  readonly extent: "envelope" | "whole";
+}
+
 /** Why the server draws though the page was asked to: the page says it in words. */
 export type Fallback = "no-webgl2" | "context-lost" | "too-large" | "failed";
 
@@ -47,6 +53,8 @@ export interface SurfaceOptions {
   readonly noPart: (problem: unknown) => void;
   /** Only the server draws (`?renderer=server`). */
   readonly serverOnly: boolean;
+  /** All that is drawn is in the file: there is no server. Null: there is one. */
+  readonly shared: SharedVolume | null;
 }
 
 /**

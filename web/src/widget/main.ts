@@ -96,6 +96,7 @@ class View {
       layer: (name) => this.#layers.voxels(name),
       noPart: (problem) => this.#complain(problem),
       serverOnly: false,
+      shared: null,
     });
     listen(
       this.#pane,

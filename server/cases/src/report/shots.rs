@@ -110,6 +110,21 @@ pub(super) async fn draw(
     Ok((pictures, overview))
 }
 
+/// The findings and the overview without pictures.
+pub(super) fn none(findings: &[Finding]) -> (Vec<FindingPictures>, Overview) {
+    let without = |finding: &Finding| FindingPictures {
+        surface: SurfaceName::Whole,
+        depth_mm: finding.depth_mm as f32,
+        cuts: Vec::new(),
+        slices: Vec::new(),
+    };
+    let overview = Overview {
+        anatomy: Vec::new(),
+        map: Vec::new(),
+    };
+    (findings.iter().map(without).collect(), overview)
+}
+
 /// How the cut of a finding is seen: as the page shows it to whoever goes to it.
 struct Seen {
     /// The half on whose inner side it is, the other half being away; else the whole.

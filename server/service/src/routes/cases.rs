@@ -469,18 +469,31 @@ pub async fn get_case(
     CasePath(id): CasePath,
     ApiQuery { asked, .. }: ApiQuery<CaseQuery>,
 ) -> Result<Response, AppError> {
-    let mut view = view_of(&cases, &id).await?;
-    if !asked.surface.is_whole() {
-        cases.ready(&id).await?;
-        let model = cases.surface(&id, asked.surface).await?;
+    let view = view_of_surface(&cases, &id, asked.surface).await?;
+    Ok(fresh_json(StatusCode::OK, &view))
+}
+
+/// A case with the state of its maps and the facts of one of its surfaces.
+///
+/// # Errors
+/// Of a part, as [`Cases::surface`].
+pub(super) async fn view_of_surface(
+    cases: &Cases,
+    id: &CaseId,
+    surface: SurfaceName,
+) -> Result<CaseView, AppError> {
+    let mut view = view_of(cases, id).await?;
+    if !surface.is_whole() {
+        cases.ready(id).await?;
+        let model = cases.surface(id, surface).await?;
         let maps = view.ready.and_then(|whole| whole.maps);
         view.ready = Some(ReadyView {
-            surface: asked.surface,
+            surface,
             maps,
             ..ReadyView::from(model.facts().clone())
         });
     }
-    Ok(fresh_json(StatusCode::OK, &view))
+    Ok(view)
 }
 
 /// A case with the state of its maps.

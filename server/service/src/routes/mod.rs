@@ -20,6 +20,7 @@ pub mod render;
 pub mod renders;
 pub mod report;
 pub mod search;
+pub mod share;
 pub mod sign_in;
 pub mod slices;
 pub mod textures;
@@ -139,6 +140,7 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
             routes!(registration::get_registration),
         )
         .with(Scope::Read, Audited::Export, routes!(report::get_report))
+        .with(Scope::Read, Audited::Export, routes!(share::get_share))
         .and(
             GuardedRoutes::default()
                 .with(Scope::Read, Audited::View, routes!(findings::get_findings))

@@ -9,6 +9,7 @@ mod refusals;
 mod registration;
 mod report;
 mod server;
+mod share;
 mod slices;
 mod uploads;
 mod versions;

@@ -18,7 +18,7 @@ use super::server::{Server, head};
 const PDF: [(&str, &str); 1] = [("accept", "application/pdf")];
 
 /// Stores findings, each with its id, its place from the centre of the head in mm, and its label.
-async fn mark(server: &Server, case: &str, findings: &[(&str, [f64; 3], &str)]) {
+pub(super) async fn mark(server: &Server, case: &str, findings: &[(&str, [f64; 3], &str)]) {
     let centre = server.get(case).await.json()["envelope_sphere"]["center_in_patient"].clone();
     let finding = |(id, from_centre, label): &(&str, [f64; 3], &str)| {
         let at = [0, 1, 2].map(|axis| centre[axis].as_f64().unwrap() + from_centre[axis]);

@@ -17,8 +17,8 @@ pub use paths::{Astray, paths};
 pub use ply::ply;
 pub use stl::stl;
 pub use texture::{
-    Texture, Voxels, added_layer_texture, coarse_depth_texture, depth_texture, layer_texture,
-    quick_range, volume_texture,
+    Texture, Voxels, added_layer_texture, coarse_depth_texture, depth_texture, differences,
+    layer_texture, quick_range, volume_texture,
 };
 
 /// A mesh to write.

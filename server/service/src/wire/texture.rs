@@ -128,6 +128,23 @@ fn from_the_least(whole: Texture, owner: impl Owner) -> Texture {
     }
 }
 
+/// Numbers of 16 bits as their differences from the number before, which a general compression makes smaller than the numbers.
+///
+/// A difference `d`, modulo 2¹⁶, is written as `2 d` if it is not negative, else as `-2 d - 1`: first the lower bytes of all, then the upper ones.
+pub fn differences(numbers: &[u8]) -> Vec<u8> {
+    let count = numbers.len() / 2;
+    let mut planes = vec![0; 2 * count];
+    let (lower, upper) = planes.split_at_mut(count);
+    let mut before = 0_i16;
+    for (index, pair) in numbers.chunks_exact(2).enumerate() {
+        let number = i16::from_le_bytes([pair[0], pair[1]]);
+        let difference = number.wrapping_sub(before);
+        [lower[index], upper[index]] = ((difference << 1) ^ (difference >> 15)).to_le_bytes();
+        before = number;
+    }
+    planes
+}
+
 /// The range of intensities of eight bits, for a first picture: the default window and half its width to either side, as
 /// far as the intensities around the brain reach.
 pub fn quick_range(facts: &CaseFacts) -> [f32; 2] {
@@ -333,6 +350,17 @@ mod tests {
         };
         assert_eq!(sent([32768, 33068, 33768]), (vec![0, 300, 1000], 0.0));
         assert_eq!(sent([0, 33068, 65535]), (vec![0, 33068, 65535], -16384.0));
+    }
+
+    #[test]
+    fn differences_are_small_and_wrap_around() {
+        let numbers = [5_u16, 7, 6, 65535, 0].map(u16::to_le_bytes).concat();
+        // 5, +2, -1, -7 and +1, modulo 2¹⁶.
+        assert_eq!(differences(&numbers), [10, 4, 1, 13, 2, 0, 0, 0, 0, 0]);
+        let far = [0_u16, 40000].map(u16::to_le_bytes).concat();
+        let code = (2 * (65536 - 40000) - 1_u32) as u16;
+        let [lower, upper] = code.to_le_bytes();
+        assert_eq!(differences(&far), [0, lower, 0, upper]);
     }
 
     #[test]
