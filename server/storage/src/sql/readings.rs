@@ -176,7 +176,7 @@ async fn put(
             args![
                 id.to_string(), state.reader.clone(), i64::from(state.version), document.clone(),
                 owners::digest(document), state.changed_at.as_microsecond(),
-                state.signed_at.map(|at| at.as_microsecond()),
+                state.signed_at.map(Timestamp::as_microsecond),
             ],
         )
         .await?;
