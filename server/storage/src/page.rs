@@ -41,8 +41,10 @@ pub enum Status {
     Failed,
     /// It is ready, and nobody has written anything about it.
     New,
-    /// There are findings, or places that were dismissed.
+    /// There are findings, places that were dismissed, or a reading that is not signed.
     Begun,
+    /// Readers have signed, and no reading is open.
+    Signed,
 }
 
 impl Status {

@@ -147,7 +147,7 @@ export type Case = WaitingCase | FailedCase | ReadyCase;
 
 /** A case in the list, with what the list alone states. */
 export type Listed = Case & {
-  readonly status: "preparing" | "failed" | "new" | "begun";
+  readonly status: "preparing" | "failed" | "new" | "begun" | "signed";
   /** How many places of its maps stand out; absent if that is not known. */
   readonly places?: number;
   /** Without places that were dismissed. */

@@ -4,7 +4,7 @@ export const ORDERS = ["newest", "oldest", "label", "places", "findings"] as con
 export type Order = (typeof ORDERS)[number];
 
 /** What is to be done with a case, and the trash. */
-export const STATUSES = ["new", "begun", "preparing", "failed", "trash"] as const;
+export const STATUSES = ["new", "begun", "signed", "preparing", "failed", "trash"] as const;
 export type Status = (typeof STATUSES)[number];
 
 /** Of how many days, with today. */

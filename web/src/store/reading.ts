@@ -48,10 +48,12 @@ export class Reading {
     addEventListener("beforeunload", this.#leave);
   }
 
-  /** What was not sent is sent now. */
+  /** What was not sent is sent now; without a server, again and again, and whoever closes the page is warned as long. */
   dispose(): void {
-    const forget = (): void => removeEventListener("beforeunload", this.#leave);
-    this.flush().then(forget, forget);
+    this.flush().then(
+      () => removeEventListener("beforeunload", this.#leave),
+      () => {},
+    );
   }
 
   /** Whether the server has what was typed. */

@@ -140,7 +140,10 @@ impl From<Error> for CliError {
             Error::Failure(failure) => return failure.into(),
             Error::Store(error) => return error.into(),
             Error::Parameter { .. } => ExitStatus::Usage,
-            Error::NoSuchCase | Error::NoSuchLayer => ExitStatus::NoInput,
+            Error::NoSuchCase
+            | Error::NoSuchLayer
+            | Error::NoSuchReading
+            | Error::ReadingHidden => ExitStatus::NoInput,
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
                 ExitStatus::Unavailable
             }

@@ -50,7 +50,8 @@ pub struct CaseSearch {
     patient_id: Option<String>,
     /// A part of the label or of the name of somebody who has written findings, or the beginning of the id: 1 to 100 characters.
     text: Option<String>,
-    /// What is to be done: `preparing` (also if it waits for that), `failed`, `new` (ready, and nothing is written about it) or `begun`.
+    /// What is to be done: `preparing` (also if it waits for that), `failed`, `new` (ready, and nothing is written about it), `begun`, or `signed` (by all
+    /// who have begun a reading).
     status: Option<String>,
     /// Whether they are in the trash.
     #[serde(default)]
@@ -179,7 +180,7 @@ impl CaseSearch {
             status: value(
                 "status",
                 self.status.as_ref(),
-                "`preparing`, `failed`, `new` or `begun`",
+                "`preparing`, `failed`, `new`, `begun` or `signed`",
                 Status::from_name,
             )?,
             trashed: Some(self.trashed),

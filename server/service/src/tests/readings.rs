@@ -167,6 +167,38 @@ async fn a_second_reader_sees_the_first_ones_reading_once_both_have_signed() {
 }
 
 #[tokio::test]
+async fn a_report_of_a_reading_is_shown_to_whoever_is_shown_the_reading() {
+    let (server, case, finding) = with_readers().await;
+    let report = format!("{case}/report");
+    let before = get(&server, ANA, &report).await;
+    assert_eq!(before.status, 200, "{before:?}");
+    let reading = json!({ "conclusion": "Thick\n<b>left</b>", "findings": [finding] });
+    let kept = begun(&server, ANA, &case, &reading).await;
+    let of_ana = format!("{report}?reading=ana");
+    let open = get(&server, ANA, &of_ana).await;
+    let open = String::from_utf8_lossy(&open.body).into_owned();
+    for text in [
+        "<bdi>Thick</bdi>",
+        "<bdi>&lt;b&gt;left&lt;/b&gt;</bdi>",
+        "<h2>Finding 1: ",
+    ] {
+        assert!(open.contains(text), "{text}");
+    }
+    assert!(!open.contains("Signed by"));
+    sign(&server, ANA, &case, kept.header("etag")).await;
+    let signed = get(&server, ANA, &of_ana).await;
+    let signed = String::from_utf8_lossy(&signed.body).into_owned();
+    assert!(signed.contains("Signed by <bdi>ana</bdi> on 20"));
+    for who in [BEN, VIEWER, NOBODY] {
+        let hidden = get(&server, who, &of_ana).await;
+        assert_eq!(hidden.refusal(), (409, "reading-hidden".to_owned()));
+    }
+    // The report of the case knows nothing of it.
+    let after = get(&server, BEN, &report).await;
+    assert_eq!((after.status, after.body), (200, before.body));
+}
+
+#[tokio::test]
 async fn who_has_no_name_keeps_and_signs_nothing() {
     let (server, case, _) = with_readers().await;
     let reading = json!({ "conclusion": "Somebody's", "findings": [] });

@@ -3,7 +3,7 @@
 use super::layers::{insert_layer, ready_case};
 use super::{Subject, insert};
 use crate::testing::{claim, rename};
-use crate::{CaseQuery, Listed, Order, Status, Store};
+use crate::{CaseQuery, Listed, Order, Status, Store, WrittenReading};
 use case::{CaseChange, CaseId};
 
 async fn listed(store: &Store, query: CaseQuery) -> Vec<Listed> {
@@ -88,6 +88,23 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
     assert_eq!(of(Status::New).await, [third, second]);
     assert_eq!(of(Status::Preparing).await, [waits]);
     assert_eq!(of(Status::Failed).await, []);
+    // A case is signed once every reader has signed who has begun.
+    let begun = async |reader: &str| {
+        let begun = store.write_reading(&first, reader, None, "{}".to_owned());
+        match begun.await.unwrap() {
+            WrittenReading::Done(reading) => reading,
+            other => panic!("{other:?}"),
+        }
+    };
+    let readings = [begun("ana").await, begun("ben").await];
+    for (reading, (open, signed)) in readings
+        .iter()
+        .zip([(vec![first], vec![]), (vec![], vec![first])])
+    {
+        store.sign_reading(&first, reading).await.unwrap();
+        assert_eq!(of(Status::Begun).await, open);
+        assert_eq!(of(Status::Signed).await, signed);
+    }
 
     let text = async |text: &str| {
         let query = CaseQuery {

@@ -308,7 +308,11 @@ macro_rules! kept_findings {
 macro_rules! status {
     () => {
         "CASE state WHEN 'queued' THEN 'preparing' WHEN 'failed' THEN 'failed'
-         ELSE CASE WHEN EXISTS (SELECT 1 FROM findings WHERE findings.case_id = cases.id AND findings.document <> '[]')
+         ELSE CASE WHEN EXISTS (SELECT 1 FROM readings WHERE readings.case_id = cases.id AND readings.signed_at IS NULL)
+              THEN 'begun'
+              WHEN EXISTS (SELECT 1 FROM readings WHERE readings.case_id = cases.id)
+              THEN 'signed'
+              WHEN EXISTS (SELECT 1 FROM findings WHERE findings.case_id = cases.id AND findings.document <> '[]')
               THEN 'begun' ELSE 'new' END END"
     };
 }
