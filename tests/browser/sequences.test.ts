@@ -97,7 +97,6 @@ for (const [query, way] of [
       );
       await choose(page, "slice-2", flair);
       await choose(page, "slice-3", t2);
-      await choose(page, "surface", "blur").catch(() => {});
       await showsLayer(page, "slice-1", "");
       await showsLayer(page, "slice-2", flair);
       await showsLayer(page, "slice-3", t2);
