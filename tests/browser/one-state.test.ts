@@ -167,6 +167,10 @@ for (const renderer of ["", "?renderer=server"]) {
           `v=${any(VIEWS)}`,
           `x=${any(PLACES)}`,
           inner,
+          any(["", "n=axial", "n=sagittal"]),
+          // A slice and the surface with a series of their own.
+          any(["", "B=1&Bb=junction"]),
+          any(["", "S=1&Sb=junction"]),
         ];
         const rest = [`r=${renderer ? "server" : "mesh"}`, ...parts.filter(Boolean)].join("&");
         await page.evaluate((hash) => (location.hash = hash), `${id}&${rest}`);

@@ -7,9 +7,20 @@ import { NAMED_VIEWS, viewName } from "../src/model/camera.ts";
 import { Checklist, bandOf, looksOf } from "../src/model/checklist.ts";
 import { commandOf, recallOf } from "../src/model/keys.ts";
 import { firstOverlay } from "../src/model/maps.ts";
-import { boundName, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
-import { type ViewState, firstState } from "../src/model/state.ts";
+import type { Layer } from "../src/model/layers.ts";
+import { boundName, missingOf, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
+import {
+  type Place,
+  type ViewState,
+  firstState,
+  halfOf,
+  lookAt,
+  placeOf,
+  stateIn,
+  withLook,
+} from "../src/model/state.ts";
 import { PROTOCOLS } from "../src/model/steps.ts";
+import { sweptDepth } from "../src/model/sweep.ts";
 import { SHOWN } from "./shown.ts";
 
 const first = firstState(SHOWN);
@@ -104,6 +115,76 @@ test("a saved layout has its surface and the inner sides of the map; one of befo
   const { surface, has_inner, ...before } = saved;
   const [read] = readLayouts(JSON.stringify([before]));
   assert.deepEqual([read?.surface, read?.has_inner, surface, has_inner], ["whole", false, "left", true]);
+});
+
+test("a saved layout keeps what panes show by its kind, which another case has under another id", () => {
+  const own = halfOf(first);
+  const layer = (id: string, about: Partial<Layer>): Layer => ({
+    ...{ id: id.repeat(32), name: "a name", kind: "mr", unit: "", state: "ready", window: [0, 100] },
+    ...about,
+  });
+  const layers = [layer("1", { contrast: "flair" }), layer("2", { kind: "pet" }), layer("3", {})];
+  const shows = (id: string) => ({ ...own, layer: { id: id.repeat(32) }, window: { center: 7, width: 3 } });
+  const state: ViewState = {
+    ...first,
+    plane: "axial",
+    panes: {
+      surface: { ...own, overlay: { ...firstOverlay("flair"), threshold: 3 } },
+      "slice-1": own,
+      "slice-2": shows("1"),
+      "slice-3": shows("2"),
+      map: shows("3"),
+    },
+  };
+  const [saved] = readLayouts(JSON.stringify([savedAs("sequences", state, layers)]));
+  assert.ok(saved);
+  // What no other case can have is one patient's.
+  assert.deepEqual(saved.series, {
+    surface: "flair,3",
+    "slice-1": "own",
+    "slice-2": "layer:flair",
+    "slice-3": "layer:pet",
+  });
+  const others = [layer("4", { contrast: "flair" }), layer("5", { contrast: "flair" })];
+  const { panes = {}, plane } = recalled(saved, first, SHOWN, others);
+  assert.equal(plane, "axial");
+  assert.deepEqual(Object.keys(panes), ["surface", "slice-1", "slice-2"]);
+  assert.equal(panes["slice-2"]?.layer?.id, "5".repeat(32));
+  assert.deepEqual(panes["slice-2"]?.window, { center: 50.5, width: 101 });
+  assert.deepEqual([panes.surface?.overlay?.name, panes.surface?.overlay?.threshold], ["flair", 3]);
+  assert.deepEqual(missingOf(saved, SHOWN, others), ["PET"]);
+  // A layout of before has none, nor has a damaged one.
+  const { series: _, plane: __, ...before } = saved;
+  const damaged = { ...before, series: { "slice-1": "layer:<b>", "slice-2": 3, nowhere: "own" }, plane: "oblique" };
+  for (const read of readLayouts(JSON.stringify([before, damaged])))
+    assert.deepEqual([read.series, read.plane], [{}, null]);
+});
+
+test("a series goes to the pane that is meant, to the left half, or to all that is shown", () => {
+  const place = (change: Partial<ViewState>, asked: Place | null): Place => placeOf({ ...first, ...change }, asked);
+  assert.equal(place({ layout: "slices" }, "slice-2"), "slice-2");
+  assert.equal(place({ layout: "slices" }, null), "all");
+  assert.equal(place({ layout: "slices" }, "map"), "all");
+  assert.equal(place({ layout: "map" }, "map"), "map");
+  assert.equal(place({ layout: "slices" }, "across"), "all");
+  assert.equal(place({ layout: "both", across_deg: 0, crosshair_mm: [0, 0, 0] }, "across"), "across");
+  // The only pane shows what all show, unless it has a series of its own.
+  assert.equal(place({}, "surface"), "all");
+  assert.equal(place({ panes: { surface: halfOf(first) } }, "surface"), "surface");
+  assert.equal(place({ layout: "closer" }, "left"), "all");
+  assert.equal(place({ layout: "closer", beside: halfOf(first) }, "left"), "left");
+  const state = { ...first, ...withLook(first, "slice-3", { ...halfOf(first), colormap: "hot" }) };
+  assert.deepEqual([lookAt(state, "slice-3").colormap, lookAt(state, "slice-2").colormap], ["hot", "grey"]);
+  // The same object as long as nothing changes: a picture is drawn once.
+  assert.equal(stateIn(state, "slice-3"), stateIn(state, "slice-3"));
+  assert.equal(stateIn(state, "slice-2"), state);
+});
+
+test("the cine goes there and back between its ends, a millimetre a step", () => {
+  const ends = { from_mm: -3, to_mm: 2, turns: true };
+  let [at, direction]: readonly [number, number] = [0.4, 1];
+  const seen = Array.from({ length: 8 }, () => ([at, direction] = sweptDepth(at, direction, ends, 1))[0]);
+  assert.deepEqual(seen, [1, 2, 1, 0, -1, -2, -3, -2]);
 });
 
 test("a step shows its view whatever was marked, and what it does not say stays", () => {

@@ -18,7 +18,7 @@ import { type ViewState, PAN_LIMIT_MM, ZOOM_RANGE, clampDepth } from "./state.ts
 
 export type Linked = Pick<
   ViewState,
-  "depth_mm" | "orientation" | "zoom" | "pan_mm" | "crosshair_mm" | "layout" | "convention"
+  "depth_mm" | "orientation" | "zoom" | "pan_mm" | "crosshair_mm" | "layout" | "plane" | "convention"
 > &
   Partial<Pick<ViewState, "window">>;
 
@@ -55,6 +55,7 @@ export function linked(one: Shown, other: Shown, one_from_other: Affine): Linked
     pan_mm: [bounded(x), bounded(y)],
     crosshair_mm: state.crosshair_mm && other_from_one && transform(other_from_one, state.crosshair_mm),
     layout: state.layout,
+    plane: state.plane,
     convention: state.convention,
     ...(isOfCases && {
       window: {

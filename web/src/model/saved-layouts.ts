@@ -57,6 +57,8 @@ const FOUND_BY: readonly string[] = [...CONTRASTS, ...LAYER_KINDS].filter(
   (one) => !/^(other|mr|map|labels)$/.test(one),
 );
 const OWN = "own";
+/** Before the contrast or the kind of a layer: there is a map of the name of one. */
+const LAYER = "layer:";
 
 const foundBy = ({ contrast, kind }: Layer): string | null =>
   FOUND_BY.find((one) => one === contrast) ?? FOUND_BY.find((one) => one === kind) ?? null;
@@ -65,7 +67,8 @@ const foundBy = ({ contrast, kind }: Layer): string | null =>
 function kept({ layer, overlay }: HalfLook, layers: readonly Layer[]): string | null {
   if (overlay && isMap(overlay.name)) return overlayText(overlay);
   const found = layers.find(({ id }) => id === (layer?.id ?? overlay?.name));
-  return found ? foundBy(found) : layer || overlay ? null : OWN;
+  const by = found && foundBy(found);
+  return by ? LAYER + by : layer || overlay ? null : OWN;
 }
 
 /** The look of a kept series in a case; null if the case has none. */
@@ -74,19 +77,22 @@ function lookOf(text: string, shown: ReadyCase, layers: readonly Layer[]): HalfL
   const overlay = readOverlay(text)?.overlay;
   if (overlay) return { ...own, overlay };
   if (text === OWN) return own;
-  const newest = layers.findLast((one) => isReady(one) && foundBy(one) === text);
+  const newest = layers.findLast((one) => isReady(one) && LAYER + foundBy(one) === text);
   const layer = newest && greyOf(newest);
   return layer ? { ...own, layer, window: layer.intensity.window } : null;
 }
 
-/** The series of panes that a case has none of. */
-export const missingOf = ({ series }: SavedLayout, shown: ReadyCase, layers: readonly Layer[]): readonly string[] => [
-  ...new Set(Object.values(series).filter((text) => lookOf(text, shown, layers) === null)),
-];
+/** The contrasts and kinds of the layers that a layout has in panes, and a case has not. */
+export function missingOf({ series }: SavedLayout, shown: ReadyCase, layers: readonly Layer[]): readonly string[] {
+  const missing = Object.values(series).filter((text) => lookOf(text, shown, layers) === null);
+  return [...new Set(missing)].map((text) => text.slice(LAYER.length).toUpperCase());
+}
 
 const isSeries = (text: string): boolean => {
   const read = readOverlay(text);
-  return read ? isMap(read.overlay.name) : text === OWN || FOUND_BY.includes(text);
+  return read
+    ? isMap(read.overlay.name)
+    : text === OWN || (text.startsWith(LAYER) && FOUND_BY.includes(text.slice(LAYER.length)));
 };
 
 /** A value for each pane that has one. */

@@ -47,10 +47,14 @@ export class Cine {
 
   /** Its own key and button stop it themselves. */
   #hear(event: Event): void {
-    const isOwn = event.target instanceof Element && event.target.closest("[data-cine]") !== null;
-    const isKey = event instanceof KeyboardEvent;
-    if (isOwn || (isKey && (MODIFIERS.includes(event.key) || commandOf(event)?.kind === "cine"))) return;
-    this.stop();
+    const isOnButton = event.target instanceof Element && event.target.closest("[data-cine]") !== null;
+    const isOwn =
+      event instanceof KeyboardEvent
+        ? MODIFIERS.includes(event.key) ||
+          commandOf(event)?.kind === "cine" ||
+          (isOnButton && (event.key === "Enter" || event.key === " "))
+        : isOnButton && event.type === "pointerdown";
+    if (!isOwn) this.stop();
   }
 
   #step(plane: Plane): void {

@@ -45,7 +45,7 @@ export function recallLayout(store: Store, at: number): void {
   store.large.value = null;
   store.change(recalled(saved, now, store.shown, layers), true);
   announce(t("layouts.shown", { name: saved.name }));
-  const names = missingOf(saved, store.shown, layers).map((one) => one.toUpperCase());
+  const names = missingOf(saved, store.shown, layers);
   if (names.length > 0) note(t("strip.missing", { names: names.join(", ") }));
 }
 
