@@ -24,6 +24,7 @@ import {
   speak,
   startStage,
   typeDepth,
+  until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
@@ -45,6 +46,15 @@ before(
 );
 
 after(() => stage?.end());
+
+/** Waits until the maps of a case are there: the words of the report are about them, too. */
+async function mapped(case_id: string): Promise<void> {
+  const ask = async (): Promise<string> => {
+    const answer = await fetch(new URL(`v1/cases/${case_id}`, server.address));
+    return ((await answer.json()) as { readonly maps: { readonly state: string } }).maps.state;
+  };
+  await until(ask, (state) => state !== "making", 480);
+}
 
 interface OpenedFile {
   readonly page: Page;
@@ -114,6 +124,7 @@ test(
   "the file that the button saves shows the pixels of the page, asks nobody for anything, and can be turned and peeled",
   { skip, timeout: 600_000 },
   async () => {
+    await mapped(id);
     await markLeft(server.address);
     const { page, troubles, context } = await openPage(browser, { viewport: { width: 1000, height: 800 } });
     await page.goto(`${server.address}#${id}&r=exact&l=single`);
@@ -182,6 +193,7 @@ test(
 
 test("left is left in the file, on the surface and in the slices", { skip, timeout: 300_000 }, async () => {
   const marked = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
+  await mapped(marked);
   const file = path.join(stage?.folder ?? "", "marked.html");
   const answer = await fetch(new URL(`v1/cases/${marked}/share?language=pt-BR`, server.address));
   assert.equal(answer.status, 200, answer.ok ? "" : await answer.text());

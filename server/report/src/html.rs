@@ -35,7 +35,7 @@ impl Contents<'_> {
         page.into_string()
     }
 
-    /// The words of all sections, without pictures.
+    /// The words of all sections, without pictures and lines to sign.
     pub(crate) fn text(&self) -> String {
         let text = html! {
             article lang=(self.language) {
@@ -110,10 +110,12 @@ fn block(block: &Block<'_>) -> Markup {
     }
 }
 
-/// A block without its pictures.
+/// A block without its pictures; nothing is signed on a screen.
 fn words_of(each: &Block<'_>) -> Markup {
     match each {
-        Block::KeyPicture(_) | Block::Pictures(..) | Block::Overview(_) => Markup::default(),
+        Block::KeyPicture(_) | Block::Pictures(..) | Block::Overview(_) | Block::Sign(_) => {
+            Markup::default()
+        }
         Block::PicturesAndFacts(_, _, about, numbers) => html! {
             @if !about.is_empty() { (facts(about)) }
             @if let Some(numbers) = numbers { (table(numbers)) }
