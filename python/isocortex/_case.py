@@ -411,8 +411,8 @@ class Case(Surface):
         All cuts of a half have the same vertices. Those of unknown depth have a position, no triangles, and NaN as
         their value. If the halves are in doubt, this is an :class:`IsocortexError` with the reason.
 
-        >>> case.to_freesurfer("subject", depths_mm=(5, 10), values=("intensity", "blur"))
-        PosixPath('subject')
+        >>> case.to_freesurfer("subjects/1", depths_mm=(5, 10), values=("intensity", "blur"))
+        PosixPath('subjects/1')
         """
         path = Path(folder)
         write_subject(self, path, depths_mm, values, {"contours": contours, "points": points}, paths)

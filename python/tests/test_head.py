@@ -58,3 +58,17 @@ def test_its_map_covers_the_brain(head):
     values = blur.get_fdata()
     assert nib.aff2axcodes(blur.affine) == ("R", "A", "S")
     assert 0.02 < np.isfinite(values).mean() < 0.9 and np.nanmax(values) > 1.5
+
+
+def test_its_halves_are_read_as_surfaces_of_freesurfer(head, tmp_path):
+    head.to_freesurfer(tmp_path / "colin27", [8.0], values=["blur"])
+    for prefix, side, sign in (("lh", "left", -1), ("rh", "right", 1)):
+        path = tmp_path / "colin27" / "surf" / f"{prefix}.cut-8mm"
+        coordinates, _, about = nib.freesurfer.read_geometry(path, read_metadata=True)
+        # Its axes lie as FreeSurfer's do, so that the shift alone leads to the scanner.
+        scanner = coordinates + about["cras"]
+        expected = head.surface(side).mesh(8.0).coordinates
+        known = np.isfinite(expected[:, 0])
+        np.testing.assert_allclose(scanner[known], expected[known], atol=1e-3)
+        assert np.median(scanner[known, 0]) * sign > 15 and np.linalg.norm(about["cras"]) > 20
+        assert np.nanmax(nib.freesurfer.read_morph_data(f"{path}.blur")) > 1.5
