@@ -139,9 +139,13 @@ test(
 
     // The pane of the page and that of the file are made equally large.
     const opened = await openFile(file, "", { viewport: { width: 1000, height: 800 } });
-    for (const one of [page, opened.page]) await one.locator(".first-time button").click();
+    for (const one of [page, opened.page]) {
+      await one.locator(".first-time button").click();
+      await one.waitForSelector(".first-time", { state: "detached" });
+    }
     const [[width, height], [own_width, own_height]] = [await paneOf(page), await paneOf(opened.page)];
     await opened.page.setViewportSize({ width: 1000 + width - own_width, height: 800 + height - own_height });
+    assert.deepEqual(await paneOf(opened.page), await paneOf(page));
     await bare(page);
     await bare(opened.page);
     for (const [view, depth_mm] of [
