@@ -21,7 +21,6 @@ import {
   readyCase,
   shown,
   skip,
-  speak,
   startStage,
   typeDepth,
   until,
@@ -111,6 +110,10 @@ async function saveByButton(page: Page, folder: string): Promise<string> {
   return file;
 }
 
+/** The size of the surface's pane. */
+const paneOf = (page: Page): Promise<readonly [number, number]> =>
+  page.locator("#surface").evaluate(({ clientWidth, clientHeight }) => [clientWidth, clientHeight] as const);
+
 /** The pixels of the surface's canvas, as a data URL. */
 async function pixelsOf(page: Page): Promise<string> {
   const clip = await page.locator("canvas.cortex").evaluate((canvas: HTMLCanvasElement) => {
@@ -135,9 +138,14 @@ test(
     assert.ok(bytes.length <= MOST_BYTES, String(bytes.length));
 
     // The pane of the page and that of the file are made equally large.
-    let opened = await openFile(file, "", { viewport: { width: 1000, height: 800 } });
-    const [[width, height], [own_width, own_height]] = [await canvasSize(page), await canvasSize(opened.page)];
+    const opened = await openFile(file, "", { viewport: { width: 1000, height: 800 } });
+    for (const one of [page, opened.page]) {
+      await one.locator(".first-time button").click();
+      await one.waitForSelector(".first-time", { state: "detached" });
+    }
+    const [[width, height], [own_width, own_height]] = [await paneOf(page), await paneOf(opened.page)];
     await opened.page.setViewportSize({ width: 1000 + width - own_width, height: 800 + height - own_height });
+    assert.deepEqual(await paneOf(opened.page), await paneOf(page));
     await bare(page);
     await bare(opened.page);
     for (const [view, depth_mm] of [
@@ -183,7 +191,6 @@ test(
     await held.waitForSelector(".slice.axial[data-way=page]");
     await held.waitForSelector(".slice.sagittal[data-way=page]");
     await keep(held, "share");
-    await speak(page, "pt-BR");
     assert.deepEqual([...troubles, ...opened.troubles], []);
     assert.deepEqual(opened.requests, []);
     await opened.close();
@@ -198,13 +205,36 @@ test("left is left in the file, on the surface and in the slices", { skip, timeo
   const answer = await fetch(new URL(`v1/cases/${marked}/share?language=pt-BR`, server.address));
   assert.equal(answer.status, 200, answer.ok ? "" : await answer.text());
   await writeFile(file, new Uint8Array(await answer.arrayBuffer()));
-  const { page, troubles, requests, close } = await openFile(file, `#${marked}&v=anterior&d=10&l=slices`);
+  // A window in which the ball alone is white, and no light.
+  const ball = `#${marked}&d=9&w=700,300&a=1`;
+  const { page, troubles, requests, close } = await openFile(file, `${ball}&v=anterior`);
   assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
-  await page.waitForSelector(".slice.axial[data-way=page]");
-  // The ball is on the patient's right: from the front and in a radiological slice at the left of the picture.
-  for (const place of ["#surface", ".slice.axial .slice-view", ".slice.coronal .slice-view"]) {
-    const ball = await brightest(page, await page.locator(place).screenshot(), 240);
-    assert.ok(ball && ball.x < 0.42, `${place}: ${JSON.stringify(ball)}`);
+  const placeIn = async (selector: string) => brightest(page, await page.locator(selector).screenshot(), 250);
+  for (const [view, is_right_at_left] of [
+    ["anterior", true],
+    ["superior", false],
+  ] as const) {
+    await show(page, `${ball}&v=${view}`, "exact");
+    await bare(page);
+    const found = await placeIn("#surface > .surface-host");
+    assert.ok(found && found.count > 100, `${view}: ${JSON.stringify(found)}`);
+    assert.ok(is_right_at_left ? found.x < 0.45 : found.x > 0.55, `${view}: ${found.x}`);
+    await bare(page, false);
+  }
+  await show(page, `${ball}&v=left&l=mirror`, "exact");
+  await bare(page);
+  const mirrored = await placeIn("#surface > .surface-host");
+  assert.ok(mirrored && mirrored.count > 100 && mirrored.least_x > 0.5, JSON.stringify(mirrored));
+  await bare(page, false);
+  // The slices are radiological: the patient's right is at their left.
+  await show(page, `${ball}&v=right&x=-38,0,0&l=slices`, "exact");
+  for (const plane of ["axial", "coronal"]) {
+    await page.waitForSelector(`.slice.${plane}[data-way=page][data-position="0"]`);
+    const found = await until(
+      () => placeIn(`.slice.${plane} .slice-image`),
+      (one) => (one?.count ?? 0) > 100,
+    );
+    assert.ok(found && found.x < 0.45, `${plane}: ${JSON.stringify(found)}`);
   }
   await keep(page, "share-left");
   assert.deepEqual(troubles, []);
