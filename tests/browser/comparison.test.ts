@@ -262,7 +262,7 @@ test(
       JSON.stringify(kept),
     );
     await page.locator("#surface .layer-title", { hasText: "Ball 2, placed by hand" }).waitFor();
-    const enlarge = page.locator(".slice.axial .slice-bar > .icon-button");
+    const enlarge = page.locator(".slice.axial .slice-bar > .icon-button:last-child");
     await enlarge.click();
     await page.locator(".slice.axial.large .pane-title", { hasText: "Edges: Ball 2, placed by hand" }).waitFor();
     await keep(page, "edges-large");

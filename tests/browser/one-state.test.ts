@@ -73,7 +73,7 @@ const said = (page: Page): Promise<readonly Said[]> =>
         const size = `${Math.round(width)} ${Math.round(height)}`;
         const { layout } = pane.closest<HTMLElement>("[data-layout]")?.dataset ?? {};
         return {
-          pane: pane.id || pane.className.replace(/ (large|troubled)/g, ""),
+          pane: pane.id || `${pane.dataset.pane} ${pane.className.replace(/ (large|troubled)/g, "")}`,
           title: words.join(),
           words: JSON.stringify([layout, size, ...words, ...crosses]),
           box: { x, y, width, height },

@@ -89,7 +89,7 @@ test(
     // Black and white meet half-way up the border of the head.
     await page.goto(new URL(`#${head}&l=slices&w=150,3&x=0,0,0`, server.address).href);
     await shown(page);
-    await page.locator(".slice.axial .icon-button").click();
+    await page.locator(".slice.axial .icon-button:last-child").click();
     await page.waitForSelector(".slice.axial.large[data-way=page]");
     await page.keyboard.press("o");
     await until(

@@ -96,7 +96,7 @@ test(
     const [cx, cy] = [Math.round(box.x + box.width / 2), Math.round(box.y + box.height / 2)];
     const slider = await page.locator(".slice.axial .slice-range").boundingBox();
     const title = await page.locator(".slice.axial .pane-line").boundingBox();
-    const button = await page.locator(".slice.axial .icon-button").boundingBox();
+    const button = await page.locator(".slice.axial .icon-button:last-child").boundingBox();
     for (const below of [slider, title, button])
       assert.ok(below && below.y >= box.y + box.height - 0.5, "slider, name and button lie below the picture");
     const asked = (): Promise<string> =>
@@ -153,7 +153,7 @@ test(
     await page.keyboard.press("o");
     assert.doesNotMatch(await waiting, /depth_mm/);
     await page.keyboard.press("o");
-    await page.locator(".slice.coronal .slice-bar > .icon-button").click();
+    await page.locator(".slice.coronal .slice-bar > .icon-button:last-child").click();
     const panes = await page.locator(".panes").boundingBox();
     const large = await page.locator(".slice.coronal").boundingBox();
     assert.ok(panes && large && Math.abs(large.width - panes.width) < 2 && Math.abs(large.height - panes.height) < 2);
@@ -299,7 +299,7 @@ test("the surface is enlarged by its button, and Escape or a layout shows the sl
   for (const shrink of [() => page.keyboard.press("Escape"), () => choose.click(), () => enlarge.click()]) {
     await enlarge.click();
     await until(width, (now) => now > 1.3 * small);
-    assert.equal(await page.locator(".slice.axial .icon-button").isVisible(), true, "only hidden below it");
+    assert.equal(await page.locator(".slice.axial .icon-button:last-child").isVisible(), true, "only hidden below it");
     await shrink();
     await until(width, (now) => now === small);
   }

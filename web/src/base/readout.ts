@@ -45,9 +45,10 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
 }
 
 /** Which pane is meant: of a slice, its plane. */
-export function paneWords({ plane, panes }: Pick<ViewState, "plane" | "panes">, place: Place): string {
+export function paneWords({ plane, panes, beside }: ViewState, place: Place): string {
   const at = (SLICE_SLOTS as readonly Place[]).indexOf(place);
   if (at >= 0) return plane ? `${t(`plane.${plane}`)} ${number(at + 1)}` : t(`plane.${PLANE_NAMES[at] ?? "axial"}`);
+  if (place === "all" && beside) return t("pane.right");
   if (place === "all" && Object.keys(panes).length > 0) return t("pane.others");
   return t(`pane.${place as Exclude<Place, (typeof SLICE_SLOTS)[number]>}`);
 }

@@ -104,7 +104,7 @@ export const askDropped = (shown: ReadyCase, files: readonly File[]): Promise<st
       <Quiet>{t("drop.hint")}</Quiet>,
     ],
     <>
-      <Closing value="" words={t("delete.keep")} />
+      <Closing value="" words={t("upload.cancel")} />
       <Closing value="case" words={t("drop.case")} />
       <Closing value="layer" words={t("drop.layer")} class="primary" autofocus />
     </>,
