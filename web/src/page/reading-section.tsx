@@ -4,8 +4,9 @@ import { useEffect, useState } from "preact/hooks";
 
 import { ask, plainName } from "../base/api.ts";
 import { gyrusWords, moment, number, t } from "../base/i18n.ts";
+import { positionWords } from "../base/readout.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { type Finding, numbered } from "../model/findings.ts";
+import { type Finding, middleOf, numbered } from "../model/findings.ts";
 import {
   LONGEST_CONCLUSION,
   type ListedReading,
@@ -27,11 +28,12 @@ export function ReadingSection({ store }: OfStore) {
   const { reading } = store;
   const mayRead = isNamed.value && mayWrite.value;
   useEffect(() => void reading.load(), [mayRead]);
+  // Whoever may only look has nothing to conclude here.
+  if (!mayWrite.value && ofOthers(reading.all.value).length === 0) return null;
   return (
     <Section title="panel.reading" name="reading" data-task="read" onOpen={() => void reading.load()}>
       {mayRead && <Own store={store} />}
-      {!isNamed.value && <Quiet>{t("reading.unnamed")}</Quiet>}
-      {isNamed.value && !mayWrite.value && <Quiet>{t("findings.read-only")}</Quiet>}
+      {mayWrite.value && !isNamed.value && <Quiet>{t("reading.unnamed")}</Quiet>}
       <Others store={store} />
     </Section>
   );
@@ -186,6 +188,7 @@ const About = ({ finding }: { readonly finding: Finding }) => {
     gyrusWords(gyrus),
     `${number(depth_mm, 1)} mm`,
     certainty && t(`certainty.${certainty}`),
+    positionWords(middleOf(finding)),
   ];
   return (
     <>
