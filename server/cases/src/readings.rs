@@ -41,7 +41,7 @@ impl KeptReading {
     fn read(stored: StoredReading) -> Result<Self, Error> {
         let StoredReading { state, document } = &stored;
         let signed_at = state.signed_at;
-        let signed_us = signed_at.map(|at| at.as_microsecond());
+        let signed_us = signed_at.map(jiff::Timestamp::as_microsecond);
         let named = format!("{} {signed_us:?} {document}", state.version);
         Ok(Self {
             reader: state.reader.clone(),
