@@ -10,7 +10,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, SurfaceName};
-use cases::report::ReportSubject;
+use cases::report::{AskedReport, ReportSubject};
 use cases::{Cases, Error};
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -136,8 +136,13 @@ impl VolumeForm {
 impl Shared {
     async fn gather(cases: &Cases, id: &CaseId, asked: ReportQuery) -> Result<Self, AppError> {
         let facts = cases.ready(id).await?;
-        let subject = ReportSubject::OfCase;
-        let report = cases.report(id, asked, ReportFormat::Text, subject);
+        let report = AskedReport {
+            query: asked,
+            format: ReportFormat::Text,
+            subject: ReportSubject::OfCase,
+            reading: None,
+        };
+        let report = cases.report(id, report);
         Ok(Self {
             id: *id,
             language: asked.language,
