@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use crate::corrections::{case_after, corrected_head};
 use crate::dicom::head_slices;
 use crate::head::plain_head;
+use crate::interface::gifti_arrays;
 use crate::maps::until_maps;
 use crate::pacs::{Neighbour, with_texts};
 use crate::results::{
@@ -215,6 +216,48 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
 }
 
 /// Takes the findings of a case over into another one, whose findings are known by a tag.
+#[tokio::test]
+async fn findings_are_labels_of_the_vertices_that_they_cover() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let mesh = format!("{case}/mesh?depth_mm=8");
+    let positions = server.get(&mesh).await.positions();
+    let address = format!("{mesh}&format=gifti&values=findings");
+    let empty = server.get(&address).await;
+    let point = |id: &str, vertex: usize| {
+        json!({"id": id, "kind": "point", "points_in_patient": [positions[vertex]], "depth_mm": 8,
+               "label": "A <&> B", "note": "", "colour": "#00ff7f", "is_dismissed": false})
+    };
+    let mut list = vec![point("a", 200), point("b", 450), point("c", 700)];
+    list[1]["is_dismissed"] = json!(true);
+    let body = json!({ "findings": list }).to_string().into_bytes();
+    assert_eq!(
+        put(&server, &case, "application/json", body).await.status,
+        200
+    );
+
+    let answer = server.get(&address).await;
+    assert_ne!(answer.header("etag"), empty.header("etag"));
+    assert_eq!(answer.header("cache-control"), "private, no-cache");
+    let name = "attachment; filename=\"whole-8mm.findings.label.gii\"";
+    assert_eq!(answer.header("content-disposition"), name);
+    let text = String::from_utf8(answer.body.to_vec()).unwrap();
+    let row = "<Label Key=\"3\" Red=\"0.0000\" Green=\"1.0000\" Blue=\"0.4980\" Alpha=\"1\">A &lt;&amp;&gt; B</Label>";
+    assert!(text.contains(row), "{text}");
+    assert!(!text.contains("Key=\"2\""));
+    let labels = &gifti_arrays(&answer.body)[0].1;
+    let before = &gifti_arrays(&empty.body)[0].1;
+    assert_eq!(labels.len(), positions.len());
+    assert!(before.iter().all(|&label| label == 0));
+    assert_eq!([200, 450, 700].map(|vertex| labels[vertex]), [1, 0, 3]);
+    let at = |label: u32| (0..labels.len()).filter(move |&vertex| labels[vertex] == label);
+    for (label, middle) in [(1, 200), (3, 700)] {
+        let middle = glam::Vec3::from(positions[middle]);
+        // A brush of 1.5 mm, and the voxel of a vertex.
+        assert!(at(label).all(|vertex| middle.distance(positions[vertex].into()) < 6.0));
+    }
+}
+
 async fn take_over(server: &Server, into: &str, from: &str, tag: Option<&str>) -> Answer {
     let id = from.rsplit('/').next().unwrap();
     let mut request = Request::post(format!("{into}/findings/from/{id}"));

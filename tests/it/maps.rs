@@ -699,7 +699,99 @@ async fn values_of_vertices_are_those_of_profiles_through_them() {
         let expected: Vec<_> = expected.map(|value| Some(value? as f32)).collect();
         assert_eq!(values, expected, "{name}");
         assert!(values.iter().flatten().count() > 10, "{name}: {values:?}");
+        // FreeSurfer's are the same.
+        let address = format!("{mesh}&format=freesurfer&values={name}");
+        let curv = server.get(&address).await;
+        let file = format!("attachment; filename=\"whole.12mm.{name}\"");
+        assert_eq!(curv.header("content-disposition"), file);
+        let (head, curv) = curv.body.split_at(15);
+        assert_eq!(head[..3], [0xff; 3]);
+        assert_eq!(head[3..7], (positions.len() as u32).to_be_bytes());
+        assert_eq!(head[11..], [0, 0, 0, 1]);
+        let curv = curv.chunks_exact(20);
+        let curv = curv.map(|four| f32::from_be_bytes(four[..4].try_into().unwrap()));
+        let curv = curv.map(|value| (!value.is_nan()).then_some(value));
+        assert!(
+            curv.eq(values.into_iter().take(positions.len() / 5)),
+            "{name}"
+        );
     }
+}
+
+#[tokio::test]
+async fn the_curved_cut_comes_as_data_with_a_column_for_each_depth() {
+    let (server, case) = ready().await;
+    let mesh = format!("{case}/mesh?contours=12&points=16&paths=flow&format=gifti");
+    let answer = server
+        .get(&format!("{mesh}&values=intensity&by_depth=true"))
+        .await;
+    let name = "attachment; filename=\"whole.intensity.func.gii\"";
+    assert_eq!(answer.header("content-disposition"), name);
+    let columns = gifti_arrays(&answer.body);
+    assert_eq!(columns.len(), 31);
+    let values = |columns: &[(String, Vec<u32>)], at: usize| -> Vec<Option<f32>> {
+        let values = columns[at].1.iter().map(|&bits| f32::from_bits(bits));
+        values
+            .map(|value| (!value.is_nan()).then_some(value))
+            .collect()
+    };
+    let mut lacking = Vec::new();
+    for depth in [0, 7, 20, 30] {
+        let about = &columns[depth].0;
+        assert!(about.contains(&format!("<Value>intensity at {depth} mm</Value>")));
+        let at = format!("{mesh}&depth_mm={depth}");
+        let depths = server.get(&format!("{at}&values=depth")).await;
+        let depths = values(&gifti_arrays(&depths.body), 0);
+        let own = server.get(&format!("{at}&values=intensity")).await;
+        let own = values(&gifti_arrays(&own.body), 0);
+        let is_there = |vertex: usize| depths[vertex].is_some_and(|mm| mm > depth as f32 - 0.1);
+        let expected: Vec<_> = (0..own.len())
+            .map(|vertex| own[vertex].filter(|_| is_there(vertex)))
+            .collect();
+        assert_eq!(values(&columns, depth), expected, "{depth} mm");
+        lacking.push(expected.iter().filter(|value| value.is_none()).count());
+    }
+    assert!(lacking[0] < 10 && lacking[3] > 50, "{lacking:?}");
+}
+
+#[tokio::test]
+async fn places_are_labels_where_the_surface_meets_them() {
+    let (server, case) = ready().await;
+    let list = server
+        .get(&format!("{case}/candidates?limit=60"))
+        .await
+        .json();
+    let places = list["candidates"].as_array().unwrap();
+    let depth = places[0]["depth_mm"].as_f64().unwrap();
+    let mesh = format!("{case}/mesh?depth_mm={depth}&contours=90&points=90&paths=flow");
+    let positions = server.get(&mesh).await.positions();
+    let labels = format!("{mesh}&format=gifti&values=blur-places");
+    let answer = server.get(&labels).await;
+    let name = answer.header("content-disposition").to_owned();
+    assert!(name.ends_with(".blur-places.label.gii\""), "{name}");
+    let text = String::from_utf8(answer.body.to_vec()).unwrap();
+    assert_eq!(text.matches("<Label Key=").count(), places.len() + 1);
+    assert!(text.contains(">1: score "), "{text}");
+    let [(about, labels)] = &gifti_arrays(&answer.body)[..] else {
+        panic!("labels are one array");
+    };
+    assert!(
+        about.starts_with("Intent=\"NIFTI_INTENT_LABEL\""),
+        "{about}"
+    );
+    let far = |place: &Value, position: &[f32; 3]| -> bool {
+        let middle: [f64; 3] =
+            serde_json::from_value(place["position_in_patient"].clone()).unwrap();
+        let radius = (place["size_mm"].as_f64().unwrap() / 2.0).max(1.5);
+        let position = glam::Vec3::from_array(*position).as_dvec3();
+        glam::DVec3::from_array(middle).distance(position) > radius
+    };
+    let expected = positions.iter().map(|position| {
+        let found = places.iter().position(|place| !far(place, position));
+        found.map_or(0, |number| number as u32 + 1)
+    });
+    assert_eq!(*labels, expected.collect::<Vec<_>>());
+    assert!(labels.contains(&1));
 }
 
 #[tokio::test]

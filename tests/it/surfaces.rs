@@ -373,6 +373,14 @@ async fn meshes_textures_facts_slices_and_profiles_are_of_the_surface_that_is_as
         let name = format!("attachment; filename=\"{surface}-6mm.surf.gii\"");
         assert_eq!(gifti.header("content-disposition"), name);
 
+        // FreeSurfer knows the half by the name of the file.
+        let triangles = server.get(&format!("{address}&format=freesurfer")).await;
+        let name = match surface {
+            "left" => "attachment; filename=\"lh.6mm\"",
+            _ => "attachment; filename=\"rh.6mm\"",
+        };
+        assert_eq!(triangles.header("content-disposition"), name);
+
         // A solid is closed along the fence, and states how much of it is not the depth.
         let address = format!("{case}/mesh?depth_mm=6&solid=true&surface={surface}");
         let solid = server.get(&address).await;

@@ -33,7 +33,8 @@ pub use images::Closed;
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
     Contrast, LabelFacts, Layer, LayerChange, LayerFacts, LayerId, LayerKind, LayerParameters,
-    MAX_LAYERS, MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, Transform,
+    MAX_LAYERS, MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, SurfaceFacts,
+    Transform,
 };
 pub use maps::{
     BrainRegion, CandidateFacts, JunctionBandFacts, MapName, RegionFacts, RegionNumbers, Unusual,

@@ -190,21 +190,46 @@ impl Cases {
     /// # Errors
     /// As [`Cases::ready`]; [`Error::Busy`] if too much work waits.
     pub async fn finding_labels(&self, id: &CaseId) -> Result<Vec<u8>, Error> {
-        let facts = self.ready(id).await?;
         let list = self.findings(id).await?.list;
+        let FindingLabels {
+            grid,
+            labels,
+            findings,
+        } = self.findings_in_voxels(id, list).await?;
+        let write = move || {
+            let names = findings.iter().map(|(number, one)| (*number, name_of(one)));
+            let names: Vec<_> = names.collect();
+            imaging::nifti::write_labels(&grid, &labels, &names).map_err(|_| Error::Internal)
+        };
+        self.queue.run(write).await?
+    }
+
+    /// Findings of a ready case that are neither dismissed nor unconfirmed, as labels on the grid of the acquired volume.
+    ///
+    /// # Errors
+    /// As [`Cases::finding_labels`].
+    pub async fn findings_in_voxels(
+        &self,
+        id: &CaseId,
+        list: Vec<Finding>,
+    ) -> Result<FindingLabels, Error> {
+        let facts = self.ready(id).await?;
         let draw = move || {
             let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
             let grid = Grid::new(facts.native_size, affine).map_err(|_| Error::Internal)?;
             let mut labels = vec![0; grid.voxel_count()];
-            let numbered = (1..)
-                .zip(&list)
+            let findings = (1..)
+                .zip(list)
                 .filter(|(_, finding)| !finding.is_dismissed && !finding.is_unconfirmed);
-            let mut names = Vec::new();
-            for (number, finding) in numbered {
-                names.push((number, name_of(finding)));
-                paint(&mut labels, &grid, number, finding);
+            let findings: Vec<_> = findings.collect();
+            for (number, finding) in &findings {
+                paint(&mut labels, &grid, *number, finding);
             }
-            imaging::nifti::write_labels(&grid, &labels, &names).map_err(|_| Error::Internal)
+            Ok(FindingLabels {
+                grid,
+                labels,
+                findings,
+            })
         };
         self.queue.run(draw).await?
     }
@@ -300,8 +325,19 @@ impl Cases {
     }
 }
 
+/// Findings as labels of voxels.
+#[derive(Debug, Clone)]
+pub struct FindingLabels {
+    /// That of the acquired volume.
+    pub grid: Grid,
+    /// The number of a finding for each voxel, or 0.
+    pub labels: Vec<u16>,
+    /// The findings with their numbers in the list, from 1.
+    pub findings: Vec<(u16, Finding)>,
+}
+
 /// The name of a label: what the reader called it, or its id.
-fn name_of(finding: &Finding) -> &str {
+pub fn name_of(finding: &Finding) -> &str {
     match &*finding.label {
         "" => &finding.id,
         label => label,

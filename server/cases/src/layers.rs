@@ -1,5 +1,9 @@
 //! Further volumes of the head of a case: submitted, listed, changed and deleted.
 
+mod surfaces;
+
+pub use surfaces::ReceivedSurfaces;
+
 use case::{
     CaseId, CaseState, Contrast, Failure, Layer, LayerChange, LayerId, LayerKind, LayerParameters,
     MapName,

@@ -141,13 +141,20 @@ impl ShrunkMesh {
 
     /// How many vertices are shallower than the mesh, because their paths end before its depth.
     pub fn shallow_count(&self, field: &DepthField) -> usize {
+        self.shallow_vertices(field).count()
+    }
+
+    /// The vertices that are shallower than the mesh.
+    pub fn shallow_vertices(&self, field: &DepthField) -> impl Iterator<Item = usize> {
         let voxel_from_patient = field.grid().voxel_from_patient();
-        let is_shallow = |position: &&[f32; 3]| {
-            let position = Vec3::from_array(**position).as_dvec3();
+        let is_shallow = move |position: &[f32; 3]| {
+            let position = Vec3::from_array(*position).as_dvec3();
             let voxel = voxel_from_patient.transform_point3(position).as_vec3();
             field.depth_mm(voxel) < self.depth_mm - SHALLOWER_MM
         };
-        self.positions_in_patient.iter().filter(is_shallow).count()
+        let vertices = self.positions_in_patient.iter().enumerate();
+        let shallow = vertices.filter(move |(_, position)| is_shallow(position));
+        shallow.map(|(vertex, _)| vertex)
     }
 }
 

@@ -6,6 +6,7 @@ mod error;
 mod limits;
 pub mod nifti;
 mod sniff;
+pub mod surface;
 
 pub use error::ImagingError;
 pub use limits::Limits;

@@ -134,7 +134,7 @@ const OF_LABELS: [[f64; 3]; 7] = [
 ];
 
 /// The colour of a label, from 1; 0 is none.
-fn label_color(number: usize) -> [u8; 3] {
+pub fn label_color(number: usize) -> [u8; 3] {
     let Some(number) = number.checked_sub(1) else {
         return [0; 3];
     };

@@ -48,7 +48,7 @@ pub use annotate::{
 pub use apng::AnimatedPng;
 pub use backend::{RenderBackend, RenderJob, SizedMesh};
 pub use camera::{Camera, NamedView, Projection};
-pub use colormap::ColorMap;
+pub use colormap::{ColorMap, label_color};
 pub use error::RenderError;
 pub use frame::{Frame, FrameSize, MAX_SIDE, PixelFormat, RenderedFrame};
 pub use hits::Hits;

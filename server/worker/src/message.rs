@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use imaging::dicom::Options;
+use imaging::surface::Drawing;
 use serde::{Deserialize, Serialize};
 
 use case::{CutFacts, Failure, Parameters, Quality};
@@ -25,6 +26,8 @@ pub(crate) enum Order {
     /// Read the attributes of stored files; a [`Stated`] in a file answers it, and each of the orders to read a series or to prepare.
     Stored(StoredOrder),
     Prepare(Box<PrepareOrder>),
+    /// Draw surfaces into voxels; a [`Stated`] in a file answers it.
+    Surfaces(SurfaceOrder),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
     Confine,
 }
@@ -105,6 +108,25 @@ pub(crate) struct SeriesOrder {
     pub(crate) memory_bytes: u64,
     /// The limit for the unpacked bytes of all files.
     pub(crate) max_input_bytes: u64,
+    /// The limit for CPU time.
+    pub(crate) seconds: u64,
+}
+
+/// Which surfaces to draw.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SurfaceOrder {
+    /// Surfaces and their values.
+    pub(crate) files: Vec<(PathBuf, Option<PathBuf>)>,
+    pub(crate) t1: Option<PathBuf>,
+    /// The offset of the bytes in each file, and the number of zero bytes to write before the volume.
+    pub(crate) start: u64,
+    /// An empty directory.
+    pub(crate) output: PathBuf,
+    pub(crate) drawing: Drawing,
+    pub(crate) max_voxels: usize,
+    /// The limit for memory.
+    pub(crate) memory_bytes: u64,
     /// The limit for CPU time.
     pub(crate) seconds: u64,
 }

@@ -63,6 +63,10 @@ impl SeriesReader {
         Self { longest, ..self }
     }
 
+    pub(crate) fn limits(&self) -> Limits {
+        self.limits
+    }
+
     /// Reads a series.
     ///
     /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.

@@ -1,4 +1,4 @@
-//! Reads DICOM files into a volume, in confined processes, of which a bounded number run at a time.
+//! Reads DICOM files or surfaces into a volume, in confined processes, of which a bounded number run at a time.
 
 mod headers;
 mod stored;
@@ -7,7 +7,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use imaging::Limits;
-use worker::{ChildMemory, Confinement, Reading, SeriesReader, at_a_time};
+use worker::{
+    ChildMemory, Confinement, Reading, SeriesReader, SurfaceReading, Surfaces, at_a_time,
+};
 
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
@@ -16,6 +18,7 @@ pub use self::headers::HeaderReader;
 pub use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 pub use imaging::nifti::Form;
+pub use imaging::surface::{Drawing, Space};
 pub use worker::{Choice, Input, MAX_FILE_BYTES, Program, READER_DIED};
 
 /// Series that may wait.
@@ -68,6 +71,19 @@ impl DicomReader {
     ) -> Result<Reading, Error> {
         let _turn = self.limit.turn().await?;
         Ok(self.reader.read(input, options, scratch).await?)
+    }
+
+    /// As [`SeriesReader::read_surfaces`].
+    ///
+    /// # Errors
+    /// As [`DicomReader::read`].
+    pub async fn read_surfaces(
+        &self,
+        surfaces: Surfaces<'_>,
+        scratch: &Path,
+    ) -> Result<SurfaceReading, Error> {
+        let _turn = self.limit.turn().await?;
+        Ok(self.reader.read_surfaces(surfaces, scratch).await?)
     }
 
     /// As [`SeriesReader::confinement`].

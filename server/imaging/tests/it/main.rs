@@ -13,6 +13,7 @@ mod placement;
 mod real_heads;
 mod real_series;
 mod series_builder;
+mod surfaces;
 mod variations;
 mod voxels;
 mod writing;

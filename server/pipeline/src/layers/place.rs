@@ -101,6 +101,11 @@ enum PlaceDoubt {
         "it lies where its header places it; it shows too little of the head to be compared with the volume of the case"
     )]
     CoversTooLittle,
+    #[error(
+        "the intensities of the case along the surface differ nearly as much as along its mirror image, so that it does not follow the cortex of this \
+         head: it is of another head, moved, or in another space than it states"
+    )]
+    NotAlongCortex,
 }
 
 impl PlaceDoubt {
@@ -110,6 +115,7 @@ impl PlaceDoubt {
             Self::NotCompared => "place-not-compared",
             Self::SpaceNotStated => "space-not-stated",
             Self::CoversTooLittle => "covers-too-little",
+            Self::NotAlongCortex => "not-along-cortex",
         }
     }
 }
@@ -140,6 +146,13 @@ pub(super) fn place(
         residual_mm: None,
     };
     let is_acquired = parameters.kind.is_acquired();
+    if let Some(surface) = &parameters.surface {
+        return Ok(header(match surface.follows_cortex() {
+            Some(true) => None,
+            Some(false) => Some(PlaceDoubt::NotAlongCortex),
+            None => Some(PlaceDoubt::CoversTooLittle),
+        }));
+    }
     match parameters.transform {
         Transform::Matrix(rows) => Ok(PlacementFacts {
             case_from_layer: rows,

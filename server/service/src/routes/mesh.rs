@@ -1,6 +1,8 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
-use cases::Cases;
+mod values;
+
+use cases::{Cases, Error};
 use std::future::ready;
 use std::sync::Arc;
 
@@ -8,20 +10,19 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, header};
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{DeformableModel, MeshSize, PathTable, ShrunkMesh};
+use geometry::{DeformableModel, Grid, MeshSize, PathTable, ShrunkMesh};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use self::values::{Changing, Values, VertexValues};
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::{depth_headers, of_surface};
 use crate::routes::asked::{CasePath, Question};
-use crate::wire;
-use case::{MapName, SurfaceName};
-use cases::library::LoadedMaps;
+use crate::wire::{self, VolumeGeometry};
+use case::SurfaceName;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, ShownDepth, default_count, mesh_size};
-use cases::profile;
 use http::conditional::{self, Content, Format};
 use http::negotiate::media_type;
 use http::problem::AppError;
@@ -33,15 +34,19 @@ const STL: &str = "model/stl";
 const OBJ: &str = "model/obj";
 const PLY: &str = "application/ply";
 const GIFTI: &str = "model/gifti+xml";
+const FREESURFER: &str = "application/x-freesurfer";
 
 /// The media types of a mesh; the first is the default.
-const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY, GIFTI];
+const MESH_TYPES: &[&str] = &[POSITIONS, GLTF, STL, OBJ, PLY, GIFTI, FREESURFER];
 
 /// Those of a solid.
 const SOLID_TYPES: &[&str] = MESH_TYPES.split_at(1).1;
 
 /// The greatest number of points of a mesh with all depths; its table has about 50 MB.
 const MAX_TABULATED_POINTS: usize = 1 << 16;
+
+/// The depths of `by_depth=true`, in mm.
+const DEPTHS_MM: std::ops::RangeInclusive<u8> = 0..=30;
 
 /// The mesh at a depth.
 #[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]
@@ -69,7 +74,7 @@ pub struct MeshQuery {
     #[param(inline)]
     paths: PathKind,
     /// Whether to answer with the isosurface itself, as a closed mesh, which `renderer=trace` shows: for printing and planning. It has
-    /// no contours and no paths, and is GLB, STL, OBJ, PLY or GIFTI.
+    /// no contours and no paths, and is GLB, STL, OBJ, PLY, GIFTI or FreeSurfer's.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     #[param(default = false)]
     solid: bool,
@@ -77,10 +82,16 @@ pub struct MeshQuery {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     format: Option<FileFormat>,
-    /// Instead of the mesh, a value of each of its vertices, as GIFTI; NaN where it is undefined or the depth is unknown.
+    /// Instead of the mesh, a value of each of its vertices, as GIFTI or as FreeSurfer's `curv`; NaN where it is undefined or the depth
+    /// is unknown. Of findings and places, labels: 0 where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[param(inline)]
     values: Option<VertexValues>,
+    /// Whether to answer with the values at each depth from 0 to 30 mm, in steps of 1 mm, as the columns of one GIFTI file; NaN also where a
+    /// path ends before the depth. A vertex keeps its number at all depths.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[param(default = false)]
+    by_depth: bool,
 }
 
 /// A format of complete meshes.
@@ -92,6 +103,7 @@ enum FileFormat {
     Obj,
     Ply,
     Gifti,
+    Freesurfer,
 }
 
 impl FileFormat {
@@ -102,43 +114,7 @@ impl FileFormat {
             Self::Obj => OBJ,
             Self::Ply => PLY,
             Self::Gifti => GIFTI,
-        }
-    }
-}
-
-/// What the vertices of a mesh have values of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "lowercase")]
-enum VertexValues {
-    /// The intensity of the native volume, interpolated.
-    Intensity,
-    /// The depth in mm: less than that of the mesh where a path ends before it.
-    Depth,
-    /// The map `blur`.
-    Blur,
-    /// The map `thickness`.
-    Thickness,
-    /// The map of the newest FLAIR among the layers.
-    Flair,
-}
-
-impl VertexValues {
-    fn map(self) -> Option<MapName> {
-        match self {
-            Self::Intensity | Self::Depth => None,
-            Self::Blur => Some(MapName::Blur),
-            Self::Thickness => Some(MapName::Thickness),
-            Self::Flair => Some(MapName::Flair),
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Intensity => "intensity",
-            Self::Depth => "depth",
-            Self::Blur => MapName::Blur.name(),
-            Self::Thickness => MapName::Thickness.name(),
-            Self::Flair => MapName::Flair.name(),
+            Self::Freesurfer => FREESURFER,
         }
     }
 }
@@ -207,6 +183,16 @@ impl Asked for MeshQuery {
                 return Err(AppError::out_of_range(key, detail));
             }
         }
+        if self.by_depth {
+            let refused = |detail: &str| Err(AppError::out_of_range("by_depth", detail));
+            if self.values.is_none_or(VertexValues::are_labels) {
+                return refused("needs `values` that are not labels");
+            }
+            if self.solid || self.depth_mm > 0.0 {
+                return refused("is not accepted with `solid` or `depth_mm`: it has every depth");
+            }
+            check_tabulated(self.contours, self.points)?;
+        }
         Ok(values)
     }
 }
@@ -224,21 +210,26 @@ impl Asked for PathsQuery {
 
     fn checked(&self) -> Result<MeshSize, AppError> {
         let size = mesh_size(self.contours, self.points)?;
-        if self.contours * self.points > MAX_TABULATED_POINTS {
-            let detail =
-                format!("times `points` must be at most {MAX_TABULATED_POINTS} for this request");
-            return Err(AppError::out_of_range("contours", detail));
-        }
+        check_tabulated(self.contours, self.points)?;
         Ok(size)
     }
+}
+
+fn check_tabulated(contours: usize, points: usize) -> Result<(), AppError> {
+    if contours * points > MAX_TABULATED_POINTS {
+        let detail =
+            format!("times `points` must be at most {MAX_TABULATED_POINTS} for this request");
+        return Err(AppError::out_of_range("contours", detail));
+    }
+    Ok(())
 }
 
 /// The mesh of the isosurface at a depth
 ///
 /// Depending on `Accept`: only the positions, three little-endian f32 (x, y, z in LPS mm) for each vertex, the points
 /// contour by contour and then the two cap centres, NaN if the depth there is unknown; or a complete mesh as GLB (y up, metres),
-/// STL, OBJ or PLY (LPS mm), or GIFTI (scanner RAS mm). With `solid=true` the isosurface itself, closed, in one of these. With `values`
-/// no mesh, but a value of each of its vertices, as GIFTI.
+/// STL, OBJ or PLY (LPS mm), GIFTI (scanner RAS mm), or a surface of FreeSurfer (`tkregister` RAS mm, with the geometry of the volume).
+/// With `solid=true` the isosurface itself, closed, in one of these. With `values` no mesh, but a value or label of each of its vertices.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/mesh", tag = "meshes",
     params(("id" = String, Path, description = "The case"), MeshQuery),
@@ -251,7 +242,7 @@ impl Asked for PathsQuery {
             ("ETag" = String, description = "A strong tag"),
         ), content(
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
-            (String = "model/obj"), (Vec<u8> = "application/ply"), (String = "model/gifti+xml"),
+            (String = "model/obj"), (Vec<u8> = "application/ply"), (String = "model/gifti+xml"), (Vec<u8> = "application/x-freesurfer"),
         )),
         (status = 409, description = "The case or its maps are not ready, the maps are undefined, or the case has only the surface of the whole brain: `no-surfaces`"),
         (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
@@ -268,37 +259,44 @@ pub async fn get_mesh(
         Some(format) => format.media_type(),
         None => media_type(&request, types)?,
     };
-    if asked.values.is_some() && format != GIFTI {
-        let detail = "are written as GIFTI alone; add `format=gifti`";
+    if asked.values.is_some() && ![GIFTI, FREESURFER].contains(&format) {
+        let detail = "are written as GIFTI or for FreeSurfer alone; add `format=gifti` or `format=freesurfer`";
         return Err(AppError::out_of_range("values", detail));
     }
+    if asked.by_depth && format != GIFTI {
+        let detail = "is written as GIFTI alone; add `format=gifti`";
+        return Err(AppError::out_of_range("by_depth", detail));
+    }
     let question = Question::new(id, "mesh", &asked, &request);
-    let map = match asked.values.and_then(VertexValues::map) {
-        Some(name) => Some((name, cases.map(&id, name).await?)),
-        None => None,
-    };
+    let changing = Changing::of(asked.values, &cases, &id).await?;
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
-        let map = match &map {
-            Some((name, map)) => Some((*name, map.maps(&cases.library, &id).await?)),
-            None => None,
-        };
+        let source = changing.read(&cases, &id).await?;
+        let affine = pipeline::affine_of(&model.facts().native_patient_from_voxel);
+        let volume = Grid::new(model.facts().native_size, affine).map_err(|_| Error::Internal)?;
         let form = Form {
             media_type: format,
             surface: asked.surface,
-            values: asked.values,
-            map,
+            values: asked.values.map(|of| Values { of, source }),
+            volume: VolumeGeometry::of(&volume),
         };
-        let name = form.name(depth.mm);
-        let (body, lacking) = if asked.solid {
+        let name = form.name(depth.mm, asked.by_depth);
+        let mut content = if asked.by_depth {
+            let turn = cases.queue.turn().await?;
+            let table = model.paths(size, asked.paths).await?;
+            let model = Arc::clone(model.model());
+            let work = move || encode_by_depth(&table, &model, &form);
+            turn.run(work).await?.into()
+        } else if asked.solid {
             let turn = cases.queue.turn().await?;
             let model = Arc::clone(model.model());
             let work = move || encode_solid(&model, depth.mm, &form);
-            turn.run(work).await??
+            let (body, lacking) = turn.run(work).await??;
+            content(body, depth, &lacking)
         } else {
             let shrunk = model.shrink(size, asked.paths, depth.mm);
-            if format == POSITIONS && model.has_at_hand(size, asked.paths) {
+            let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
                 // This takes microseconds, so it does not wait for a turn.
                 encode(shrunk.await?, model.model(), size, &form)
             } else {
@@ -306,25 +304,25 @@ pub async fn get_mesh(
                 let (shrunk, model) = (shrunk.await?, Arc::clone(model.model()));
                 turn.run(move || encode(shrunk, &model, size, &form))
                     .await?
-            }
+            };
+            content(body, depth, &lacking)
         };
-        let mut content = content(body, depth, &lacking);
         if let Some(name) = name {
             let name = format!("attachment; filename=\"{name}\"");
             conditional::insert(&mut content.headers, header::CONTENT_DISPOSITION, &name);
         }
         Ok(content)
     };
-    let variant = match &map {
-        Some((_, map)) => format!("{format} {}", map.version()),
+    let version = changing.version();
+    let variant = match &version {
+        Some(version) => format!("{format} {version}"),
         None => format.to_owned(),
     };
     let format = Format::of(format).variant(&variant);
     let format = of_surface(format, &variant, asked.surface);
-    let format = if map.is_some() {
-        format.revalidated()
-    } else {
-        format
+    let format = match version {
+        Some(_) => format.revalidated(),
+        None => format,
     };
     question.answer(&cases, format, work).await
 }
@@ -334,29 +332,33 @@ struct Form {
     media_type: &'static str,
     surface: SurfaceName,
     /// Of the vertices, instead of the mesh.
-    values: Option<VertexValues>,
-    /// The map that they are of.
-    map: Option<(MapName, Arc<LoadedMaps>)>,
+    values: Option<Values>,
+    /// What FreeSurfer places a surface by.
+    volume: VolumeGeometry,
 }
 
 impl Form {
-    /// The name of the file; programs know by its end what a GIFTI file holds.
-    fn name(&self, depth_mm: f32) -> Option<String> {
+    /// The name of the file; programs know by it what the file holds, and FreeSurfer also of which half.
+    fn name(&self, depth_mm: f32, is_by_depth: bool) -> Option<String> {
         let surface = self.surface.name();
-        let name = match self.values {
-            None => format!("{surface}-{depth_mm}mm.surf.gii"),
-            Some(values) => format!("{surface}-{depth_mm}mm.{}.shape.gii", values.name()),
+        let half = match self.surface {
+            SurfaceName::Left => "lh",
+            SurfaceName::Right => "rh",
+            SurfaceName::Whole | SurfaceName::Cerebrum => surface,
         };
-        (self.media_type == GIFTI).then_some(name)
-    }
-
-    /// The value at a position (LPS mm) in a surface.
-    fn value(&self, of: VertexValues, model: &DeformableModel, position: DVec3) -> Option<f32> {
-        match (&self.map, of) {
-            (Some((name, maps)), _) => maps.layer(*name).value_at(position),
-            (None, VertexValues::Depth) => Some(profile::depth_mm(model.field(), position)),
-            (None, _) => profile::intensity(model.volume(), position),
-        }
+        let values = self.values.as_ref().map(|values| values.of);
+        let name = match (self.media_type, values) {
+            (GIFTI, None) => format!("{surface}-{depth_mm}mm.surf.gii"),
+            (GIFTI, Some(of)) if is_by_depth => format!("{surface}.{}.func.gii", of.name()),
+            (GIFTI, Some(of)) => {
+                let kind = if of.are_labels() { "label" } else { "shape" };
+                format!("{surface}-{depth_mm}mm.{}.{kind}.gii", of.name())
+            }
+            (FREESURFER, None) => format!("{half}.{depth_mm}mm"),
+            (FREESURFER, Some(of)) => format!("{half}.{depth_mm}mm.{}", of.name()),
+            _ => return None,
+        };
+        Some(name)
     }
 
     /// A mesh in a surface, or values of its vertices, as a file.
@@ -372,26 +374,71 @@ impl Form {
             positions_in_patient: &shrunk.positions_in_patient,
             triangles,
         };
-        let file = match (self.media_type, self.values) {
+        let file = match (self.media_type, &self.values) {
             (GLTF, _) => wire::gltf(mesh),
             (STL, _) => wire::stl(mesh),
             (OBJ, _) => wire::obj(mesh),
             (PLY, _) => wire::ply(mesh),
+            (FREESURFER, None) => wire::freesurfer(mesh, &self.volume),
             (_, None) => wire::gifti(mesh, self.surface),
-            (_, Some(of)) => {
-                let value = |position: &[f32; 3]| {
-                    let position = Vec3::from_array(*position).as_dvec3();
-                    self.value(of, model, position).unwrap_or(f32::NAN)
-                };
-                let mut values: Vec<_> = mesh.positions_in_patient.iter().map(value).collect();
-                for &vertex in unknown {
-                    values[vertex] = f32::NAN;
+            (kind, Some(values)) => {
+                let found = numbers(values, shrunk, model, unknown);
+                let name = values.of.name();
+                match kind {
+                    FREESURFER => wire::freesurfer_values(mesh, &found),
+                    _ if values.of.are_labels() => {
+                        let found: Vec<_> = found.iter().map(|&number| number as u16).collect();
+                        let table = (name, &values.labels()[..]);
+                        wire::gifti_labels(mesh, self.surface, table, &found)
+                    }
+                    _ => wire::gifti_values(mesh, self.surface, name, &found),
                 }
-                wire::gifti_values(mesh, self.surface, of.name(), &values)
             }
         };
         file.into()
     }
+}
+
+/// The values of the vertices of a mesh: NaN, or the label 0, where there is none.
+fn numbers(
+    values: &Values,
+    shrunk: &ShrunkMesh,
+    model: &DeformableModel,
+    unknown: &[usize],
+) -> Vec<f32> {
+    let none = match values.of.are_labels() {
+        true => 0.0,
+        false => f32::NAN,
+    };
+    let value = |position: &[f32; 3]| {
+        let position = Vec3::from_array(*position).as_dvec3();
+        values.at(model, position).unwrap_or(none)
+    };
+    let mut found: Vec<_> = shrunk.positions_in_patient.iter().map(value).collect();
+    for &vertex in unknown {
+        found[vertex] = none;
+    }
+    found
+}
+
+/// The values of the vertices at each depth.
+fn encode_by_depth(table: &PathTable, model: &DeformableModel, form: &Form) -> Bytes {
+    let Some(values) = &form.values else {
+        return Bytes::new();
+    };
+    let column = |depth_mm: u8| {
+        let depth_mm = f32::from(depth_mm);
+        let shrunk = table.shrink(depth_mm);
+        // What is asked of a depth that the case has not.
+        if shrunk.depth_mm < depth_mm {
+            return (depth_mm, vec![f32::NAN; shrunk.positions_in_patient.len()]);
+        }
+        let mut lacking = shrunk.unknown_vertices(model.field());
+        lacking.extend(shrunk.shallow_vertices(model.field()));
+        (depth_mm, numbers(values, &shrunk, model, &lacking))
+    };
+    let columns: Vec<_> = DEPTHS_MM.map(column).collect();
+    wire::gifti_columns(form.surface, values.of.name(), &columns).into()
 }
 
 /// How many vertices of a mesh have no true depth.

@@ -291,6 +291,11 @@ async fn a_mesh_comes_in_the_form_that_is_liked_best() {
         ("model/stl;q=0.5, model/obj", "model/obj", b"#"),
         ("application/ply, */*;q=0.1", "application/ply", b"ply\n"),
         ("model/gifti+xml", "model/gifti+xml", b"<?xml"),
+        (
+            "application/x-freesurfer",
+            "application/x-freesurfer",
+            b"\xff\xff\xfe",
+        ),
     ] {
         let answer = server.get_with(&address, &[("accept", accepted)]).await;
         assert_eq!(answer.header("content-type"), kind, "{accepted}");
@@ -299,7 +304,7 @@ async fn a_mesh_comes_in_the_form_that_is_liked_best() {
     }
     tags.sort();
     tags.dedup();
-    assert_eq!(tags.len(), 5, "the same form has the same tag");
+    assert_eq!(tags.len(), 6, "the same form has the same tag");
 }
 
 #[tokio::test]

@@ -26,6 +26,32 @@ async fn queries_that_are_not_right() {
         ("mesh?format=gifti&values=Smith", UNREADABLE, "values"),
         ("mesh?values=depth", RANGE, "values"),
         ("mesh?values=blur&format=glb", RANGE, "values"),
+        ("mesh?by_depth=true&format=gifti", RANGE, "by_depth"),
+        (
+            "mesh?by_depth=true&format=gifti&values=findings",
+            RANGE,
+            "by_depth",
+        ),
+        (
+            "mesh?by_depth=true&format=gifti&values=depth&depth_mm=1",
+            RANGE,
+            "by_depth",
+        ),
+        (
+            "mesh?by_depth=true&format=gifti&values=depth&solid=true",
+            RANGE,
+            "by_depth",
+        ),
+        (
+            "mesh?by_depth=true&format=freesurfer&values=depth",
+            RANGE,
+            "by_depth",
+        ),
+        (
+            "mesh?by_depth=true&format=gifti&values=depth&contours=512&points=1024",
+            RANGE,
+            "contours",
+        ),
         ("mesh?depth=8", "query-unknown-key", ""),
         ("mesh/triangles?points=2", RANGE, "points"),
         ("mesh/triangles?depth_mm=2", "query-unknown-key", ""),

@@ -1,5 +1,6 @@
 #![doc = include_str!("README.md")]
 
+mod freesurfer;
 mod gifti;
 mod gltf;
 mod obj;
@@ -10,7 +11,8 @@ mod texture;
 
 use bytes::Bytes;
 
-pub use gifti::{gifti, gifti_values};
+pub use freesurfer::{VolumeGeometry, freesurfer, freesurfer_values};
+pub use gifti::{VertexLabel, gifti, gifti_columns, gifti_labels, gifti_values};
 pub use gltf::gltf;
 pub use obj::obj;
 pub use paths::{Astray, paths};

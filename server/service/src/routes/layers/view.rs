@@ -2,7 +2,7 @@
 
 use case::{
     CaseId, CaseState, Closed, Contrast, LabelFacts, Layer, LayerKind, MapName, PlacementFacts,
-    Transform,
+    SurfaceFacts, Transform,
 };
 use cases::dicom::Choice;
 use cases::library::{FlairState, MapsState};
@@ -76,6 +76,9 @@ pub struct LayerView {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(schema_with = transform_schema)]
     transform: Option<Transform>,
+    /// The surfaces that an added layer was drawn from; absent if it is of a volume.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    surface: Option<SurfaceFacts>,
     /// Least and greatest value of an added layer.
     #[serde(skip_serializing_if = "Option::is_none")]
     range: Option<[f32; 2]>,
@@ -261,6 +264,7 @@ impl LayerView {
                 .clone()
                 .map(|failure| AppError::from(failure).problem()),
             transform: Some(parameters.transform),
+            surface: parameters.surface,
             volume: format!("{}/volume", address_of(layer)),
             created_at: Some(layer.created_at.to_string()),
             closed: layer.closed.map(Closed::name),

@@ -4,10 +4,11 @@ use axum::extract::multipart::Multipart;
 use axum::extract::{FromRequest as _, Request, State};
 use axum::response::Response;
 use case::{Contrast, LayerKind, LayerParameters, Transform};
-use cases::dicom::{Options, Purpose};
-use cases::layers::ReceivedLayer;
+use cases::dicom::{Options, Purpose, Space};
+use cases::layers::{ReceivedLayer, ReceivedSurfaces};
 use cases::{Cases, VolumeFiles};
 use serde::Deserialize;
+use storage::Spooled;
 use utoipa::ToSchema;
 
 use super::form::{only_one, read_parameters, set_once, take_options, unknown_part_of, unreadable};
@@ -36,13 +37,25 @@ pub struct LayerForm {
     /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
     #[schema(format = Binary, content_media_type = "application/dicom")]
     dicom: Option<Vec<String>>,
+    /// Instead of a volume, a surface with values, or both hemispheres as two parts: a binary surface of FreeSurfer, or GIFTI.
+    #[schema(format = Binary, content_media_type = "application/octet-stream")]
+    surface: Option<Vec<String>>,
+    /// The values of each surface, in the same order: a `curv` file of FreeSurfer, or GIFTI. Absent if the GIFTI files of the surfaces have them.
+    #[schema(format = Binary, content_media_type = "application/octet-stream")]
+    values: Option<Vec<String>>,
+    /// The T1 that the surface of FreeSurfer belongs to (mri/T1.mgz or mri/orig.mgz), if the footer of the surface does not state its place in
+    /// the scanner. Only its header is used.
+    #[schema(format = Binary, content_media_type = "application/octet-stream")]
+    t1: Option<String>,
     /// The names of labels, a text file: a line for each, with its number and its name.
     #[schema(format = Binary, content_media_type = "text/plain")]
     labels: Option<String>,
     /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, otherwise
     /// `mr`); `unit`; `contrast` of an MR (`t1`, `t2`, `flair` or `other`; by default from DICOM, otherwise from the name);
     /// `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
-    /// mm). For DICOM files also `series` and `allow_gaps`, and for NIfTI files `affine`, as for cases.
+    /// mm). For DICOM files also `series` and `allow_gaps`, and for NIfTI files `affine`, as for cases. For surfaces `column`, the number
+    /// of the values in a GIFTI file with several, from 1; and `space`, `scanner` or `tkregister`, if the files do not state what their
+    /// coordinates are.
     parameters: Option<String>,
 }
 
@@ -55,11 +68,14 @@ struct SentParameters {
     unit: Option<String>,
     contrast: Option<Contrast>,
     transform: Transform,
+    column: Option<usize>,
+    space: Option<Space>,
 }
 
 /// Add a layer
 ///
-/// A further volume of the same head: FLAIR, T2, PET, CT, a map or labels of another program. It is read and checked at
+/// A further volume of the same head: FLAIR, T2, PET, CT, a map or labels of another program; or values on a surface of its cortex, which
+/// become a thin sheet of voxels in the grid of the case, which must be ready. It is read and checked at
 /// once; its preparation, which finds its place, is queued. The same volume and parameters always give the same layer.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/layers", tag = "layers",
@@ -91,7 +107,7 @@ pub async fn create_layer(
     let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads).await?;
     let Received {
-        volume,
+        files,
         labels,
         sent,
         options,
@@ -102,14 +118,34 @@ pub async fn create_layer(
         contrast: sent.contrast,
         ..LayerParameters::default()
     };
-    let new = ReceivedLayer {
-        case: id,
-        volume,
-        options,
-        name: sent.name,
-        kind: sent.kind,
-        unit: sent.unit,
-        parameters,
+    let new = match files {
+        Files::Volume(_) if sent.column.is_some() || sent.space.is_some() => {
+            let known = &"and `space` are only accepted for surfaces";
+            return Err(unreadable("column", known));
+        }
+        Files::Volume(volume) => ReceivedLayer {
+            case: id,
+            volume,
+            options,
+            name: sent.name,
+            kind: sent.kind,
+            unit: sent.unit,
+            parameters,
+        },
+        Files::Surfaces(files, t1) => {
+            let surfaces = ReceivedSurfaces {
+                case: id,
+                files,
+                t1,
+                space: sent.space,
+                column: sent.column,
+                name: sent.name,
+                kind: sent.kind,
+                unit: sent.unit,
+                parameters,
+            };
+            cases.draw_surfaces(surfaces).await?
+        }
     };
     let (added, choice) = cases.add_layer(new).await?;
     let address = address_of(&added.layer);
@@ -119,10 +155,49 @@ pub async fn create_layer(
 
 /// A form, read to its end.
 struct Received {
-    volume: VolumeFiles,
+    files: Files,
     labels: String,
     sent: SentParameters,
     options: Options,
+}
+
+/// What a layer is made of.
+enum Files {
+    Volume(VolumeFiles),
+    /// Surfaces with their values, and the T1 that they belong to.
+    Surfaces(Vec<(Spooled, Option<Spooled>)>, Option<Spooled>),
+}
+
+/// The most surfaces of a layer: both hemispheres.
+const MAX_SURFACES: usize = 2;
+
+/// The parts of surfaces.
+#[derive(Default)]
+struct SurfaceParts {
+    surfaces: Vec<Spooled>,
+    values: Vec<Spooled>,
+    t1: Option<Spooled>,
+}
+
+impl SurfaceParts {
+    fn are_none(&self) -> bool {
+        self.surfaces.is_empty() && self.values.is_empty() && self.t1.is_none()
+    }
+
+    fn into_files(self) -> Result<Files, AppError> {
+        let (surfaces, values) = (self.surfaces.len(), self.values.len());
+        if !(1..=MAX_SURFACES).contains(&surfaces) || (values != surfaces && values != 0) {
+            let detail = format!(
+                "the form has {surfaces} parts `surface` and {values} parts `values`; send one surface, or two, and as many `values`, or none if the GIFTI \
+                 files of the surfaces have them"
+            );
+            return Err(AppError::bad_request("surface-parts", detail));
+        }
+        let values = self.values.into_iter().map(Some);
+        let values = values.chain(std::iter::repeat_with(|| None));
+        let files = self.surfaces.into_iter().zip(values).collect();
+        Ok(Files::Surfaces(files, self.t1))
+    }
 }
 
 async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, AppError> {
@@ -132,13 +207,20 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
         .await
         .map_err(|_| AppError::not_a_form())?;
     let (mut volume, mut labels, mut sent) = (None, None, None);
-    let mut dicom = DicomParts::default();
+    let (mut dicom, mut surfaces) = (DicomParts::default(), SurfaceParts::default());
     while let Some(field) = incoming.in_time(form.next_field()).await? {
         budget.end_header();
         let name = field.name().unwrap_or_default().to_owned();
         match name.as_str() {
             "volume" => set_once(&mut volume, &name, incoming.spool(field).await?)?,
             "dicom" => dicom.add(incoming, field).await?,
+            "surface" if surfaces.surfaces.len() < MAX_SURFACES => {
+                surfaces.surfaces.push(incoming.spool(field).await?);
+            }
+            "values" if surfaces.values.len() < MAX_SURFACES => {
+                surfaces.values.push(incoming.spool(field).await?);
+            }
+            "t1" => set_once(&mut surfaces.t1, &name, incoming.spool(field).await?)?,
             "labels" => {
                 let text = incoming.short(field, MAX_LABELS_BYTES).await?;
                 let too_large =
@@ -149,9 +231,13 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
             "parameters" => {
                 set_once(&mut sent, &name, read_parameters(incoming, field).await?)?;
             }
+            "surface" | "values" => {
+                let detail = format!("the form has more than {MAX_SURFACES} parts `{name}`");
+                return Err(AppError::bad_request("surface-parts", detail));
+            }
             _ => {
                 return Err(unknown_part_of(
-                    "`volume`, `dicom`, `labels` and `parameters`",
+                    "`volume`, `dicom`, `surface`, `values`, `t1`, `labels` and `parameters`",
                 ));
             }
         }
@@ -164,8 +250,17 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
     let labels = labels.map_err(|_| {
         AppError::bad_request("labels-unreadable", "the part `labels` is not UTF-8 text")
     })?;
+    let (dicom, has_surfaces) = (dicom.into_directory(), !surfaces.are_none());
+    if has_surfaces && (volume.is_some() || dicom.is_some()) {
+        let detail = "the form has both a volume and a surface; send only one of them";
+        return Err(AppError::bad_request("volume-twice", detail));
+    }
+    let files = match has_surfaces {
+        true => surfaces.into_files()?,
+        false => Files::Volume(only_one(volume, dicom)?),
+    };
     Ok(Received {
-        volume: only_one(volume, dicom.into_directory())?,
+        files,
         labels,
         sent: sent.map_err(|(path, refusal)| unreadable(&path, &refusal))?,
         options: Options {
