@@ -36,7 +36,7 @@ pub enum Manifested {
     },
     Layer {
         id: LayerId,
-        parameters: LayerParameters,
+        parameters: Box<LayerParameters>,
         /// The name that it was uploaded with.
         name: String,
         /// The series that it is made of, if that is known.
@@ -78,7 +78,7 @@ impl Manifest {
     ) -> Self {
         let upload = Manifested::Layer {
             id,
-            parameters: parameters.clone(),
+            parameters: Box::new(parameters.clone()),
             name: name.to_owned(),
             series: series.map(|series| series.as_str().to_owned()),
             images,
