@@ -186,6 +186,7 @@ test(
     await row.locator("button").click();
     await held.waitForSelector("#surface .cursor.mark");
     // The halves are there, too, and the slices are drawn here.
+    await held.locator("details:has(.surfaces) > summary").click();
     await held.locator(".surfaces button[value=left]").click();
     await held.waitForSelector("#surface[data-surface=left][data-drawn=true]");
     await held.locator(".layouts button[value=both]").click();
