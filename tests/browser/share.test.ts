@@ -184,7 +184,7 @@ test(
     assert.match(await row.innerText(), /Left[\s\S]*12.0 mm[\s\S]*blurred[\s\S]*Seen at the bottom/);
     assert.match(await held.locator(".report").innerText(), /Conclusion[\s\S]*blurred/);
     await row.locator("button").click();
-    await held.waitForSelector("#surface .cursor.mark");
+    assert.ok((await fragment(held)).x, "the finding leads to its place");
     // The halves are there, too, and the slices are drawn here.
     await held.locator("details:has(.surfaces) > summary").click();
     await held.locator(".surfaces button[value=left]").click();
