@@ -130,7 +130,7 @@ test(
     await mapped(id);
     await markLeft(server.address);
     const { page, troubles, context } = await openPage(browser, { viewport: { width: 1000, height: 800 } });
-    await page.goto(`${server.address}#${id}&r=exact&l=single`);
+    await page.goto(`${new URL("/", server.address)}#${id}&r=exact&l=single`);
     await shown(page);
     const file = await saveByButton(page, stage?.folder ?? "");
     const bytes = await readFile(file);
@@ -143,6 +143,7 @@ test(
       await one.locator(".first-time button").click();
       await one.waitForSelector(".first-time", { state: "detached" });
     }
+    for (const one of [page, opened.page]) await show(one, `#${id}&r=exact&v=right&d=8`, "exact");
     const [[width, height], [own_width, own_height]] = [await paneOf(page), await paneOf(opened.page)];
     await opened.page.setViewportSize({ width: 1000 + width - own_width, height: 800 + height - own_height });
     assert.deepEqual(await paneOf(opened.page), await paneOf(page));
@@ -183,8 +184,9 @@ test(
     assert.match(await row.innerText(), /Left[\s\S]*12.0 mm[\s\S]*blurred[\s\S]*Seen at the bottom/);
     assert.match(await held.locator(".report").innerText(), /Conclusion[\s\S]*blurred/);
     await row.locator("button").click();
-    await held.waitForSelector("#surface .cursor.mark");
+    assert.ok((await fragment(held)).x, "the finding leads to its place");
     // The halves are there, too, and the slices are drawn here.
+    await held.locator("details:has(.surfaces) > summary").click();
     await held.locator(".surfaces button[value=left]").click();
     await held.waitForSelector("#surface[data-surface=left][data-drawn=true]");
     await held.locator(".layouts button[value=both]").click();
