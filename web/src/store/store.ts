@@ -30,6 +30,9 @@ import { View } from "./view.ts";
 /** How far the loading of a case is; null: it is over. */
 export type Loading = LoadProgress | "begun" | "cancelled" | null;
 
+/** In a window that is not wider, pictures have the height that is left to them, as in the style sheet. */
+const ROOMY_PIXELS = 860;
+
 export class Store {
   readonly shown: ReadyCase;
   readonly view: View;
@@ -78,12 +81,12 @@ export class Store {
   readonly moves = computed(() => this.hasHand.value && this.measures.tool.value === null);
   /** Whether outlines are shown: in a close-up, where they would lie on what is judged, if they are asked for. */
   readonly outlined = signal({ slices: true, closer: false });
-  /** Whether the strip of series is shown; null: as soon as there is more than the case itself. */
+  /** Whether the strip of series is shown; null: where there is room, as soon as there is more than the case itself. */
   readonly hasStrip = signal<boolean | null>(null);
-  readonly isStripShown = computed(
-    () =>
-      this.hasStrip.value ?? this.caseLayers.list.value?.layers.some((one) => isAdded(one) && isReady(one)) ?? false,
-  );
+  readonly isStripShown = computed(() => {
+    const hasMore = this.caseLayers.list.value?.layers.some((one) => isAdded(one) && isReady(one)) ?? false;
+    return this.hasStrip.value ?? (hasMore && globalThis.innerWidth > ROOMY_PIXELS);
+  });
   readonly hasTimer = signal(false);
   /** The mask, while its outline is shown in slices. */
   readonly mask = signal<MaskBlock | null>(null);
