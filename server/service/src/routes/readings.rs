@@ -6,6 +6,7 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
+use case::findings::Finding;
 use case::readings::Reading;
 use cases::readings::{KeptReading, has_signed};
 use cases::{Cases, Error};
@@ -75,8 +76,10 @@ pub struct ShownReading {
     state: ReadingPhase,
     #[serde(skip_serializing_if = "Option::is_none")]
     signed_at: Option<String>,
-    #[serde(flatten)]
-    reading: Reading,
+    /// Text, at most 10,000 characters.
+    conclusion: String,
+    /// Those that the conclusion rests on.
+    findings: Vec<Finding>,
 }
 
 impl From<KeptReading> for ShownReading {
@@ -86,7 +89,8 @@ impl From<KeptReading> for ShownReading {
             version: kept.version,
             state: ReadingPhase::of(kept.signed_at.is_some()),
             signed_at: kept.signed_at.map(|at| at.to_string()),
-            reading: kept.reading,
+            conclusion: kept.reading.conclusion,
+            findings: kept.reading.findings,
         }
     }
 }
