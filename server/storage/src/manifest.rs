@@ -40,7 +40,7 @@ pub enum Manifested {
     },
     Layer {
         id: LayerId,
-        parameters: Box<LayerParameters>,
+        parameters: LayerParameters,
         /// The name that it was uploaded with.
         name: String,
         /// The series that it is made of, if that is known.
@@ -82,7 +82,7 @@ impl Manifest {
     ) -> Self {
         let upload = Manifested::Layer {
             id,
-            parameters: Box::new(parameters.clone()),
+            parameters: parameters.clone(),
             name: name.to_owned(),
             series: series.map(|series| series.as_str().to_owned()),
             images,

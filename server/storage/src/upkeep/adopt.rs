@@ -100,7 +100,7 @@ pub async fn adopt(
                 case: manifest.case,
                 id,
                 name: LayerName::Usual(name),
-                parameters: *parameters,
+                parameters,
                 series: series.as_deref().and_then(Uid::parse),
                 images,
                 sources,
