@@ -565,7 +565,7 @@ async fn what_is_closed_says_so_wherever_it_is_shown() {
         }
         pictures
     };
-    let file = async |name: &str, language: &str| {
+    let written = async |name: &str, language: &str| {
         let file = server
             .get(&format!("{case}/{name}?language={language}"))
             .await;
@@ -573,7 +573,7 @@ async fn what_is_closed_says_so_wherever_it_is_shown() {
         (file.header("x-isocortex-closed").to_owned(), text)
     };
     let open = pictures().await;
-    let (header, text) = file("report", "en").await;
+    let (header, text) = written("report", "en").await;
     assert!(header.is_empty() && !text.contains("CLOSED"));
     let slices = head_slices();
     let moved = identified(&[exchanged(&slices[3])]);
@@ -613,7 +613,7 @@ async fn what_is_closed_says_so_wherever_it_is_shown() {
             ("pt-BR", ["ENCERRADO:", portuguese]),
         ] {
             for name in ["report", "share"] {
-                let (header, text) = file(name, language).await;
+                let (header, text) = written(name, language).await;
                 assert_eq!(header, why, "{name}");
                 assert!(words.iter().all(|word| text.contains(word)), "{words:?}");
             }
