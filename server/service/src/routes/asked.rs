@@ -14,7 +14,6 @@ use cases::pictures::{
 use http::conditional::{Content, EntityTag, Format};
 use http::problem::AppError;
 use http::query::Asked;
-use report::ReportQuery;
 use serde::{Deserialize, Serialize};
 
 /// The case in the path.
@@ -103,7 +102,7 @@ impl<'a, Q: Serialize> Question<'a, Q> {
     }
 }
 
-/// The keys of a picture, a slice, an acquired image or a file to hand on.
+/// The keys of a picture, a slice or an acquired image.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Keys<T>(pub T);
@@ -129,14 +128,6 @@ impl Asked for Keys<AcquiredQuery> {
 
     fn checked(&self) -> Result<CheckedAcquired, AppError> {
         Ok(self.0.checked()?)
-    }
-}
-
-impl Asked for Keys<ReportQuery> {
-    type Values = ();
-
-    fn checked(&self) -> Result<(), AppError> {
-        Ok(())
     }
 }
 

@@ -5,6 +5,7 @@ use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
+use case::CaseId;
 use cases::Cases;
 use cases::report::{AskedReport, ReportSubject};
 use serde::{Deserialize, Serialize};
@@ -37,8 +38,37 @@ pub struct ReportKeys {
     #[param(default = false)]
     patient: bool,
     /// The reader of the reading that it is of: the last version of one's own, or the last signed one of somebody else, as `…/readings/by/{reader}`
-    /// shows it. Page 1 has its conclusion, and who has signed it when. Without this key, the report is that of the findings of the case.
+    /// shows it. The report has its conclusion above all, and who has signed it when. Without this key, the report is that of the findings of the case.
     reading: Option<String>,
+}
+
+impl ReportKeys {
+    /// The report that they ask for.
+    pub async fn report(
+        &self,
+        cases: &Cases,
+        id: &CaseId,
+        holder: &Holder,
+        format: ReportFormat,
+    ) -> Result<AskedReport<'static>, AppError> {
+        let reading = match &self.reading {
+            None => None,
+            Some(reader) => {
+                let asker = named(holder).ok();
+                let reading = cases.reading(id, asker, reader, None).await?;
+                Some((reading, plain_name(reader).to_owned()))
+            }
+        };
+        Ok(AskedReport {
+            query: ReportQuery {
+                language: self.language,
+                patient: self.patient,
+            },
+            format,
+            subject: ReportSubject::OfCase,
+            reading,
+        })
+    }
 }
 
 impl Asked for ReportKeys {
@@ -88,23 +118,7 @@ pub async fn get_report(
         true => NO_STORE,
         false => REVALIDATE,
     };
-    let reading = match &asked.reading {
-        None => None,
-        Some(reader) => {
-            let asker = named(&holder).ok();
-            let reading = cases.reading(&id, asker, reader, None).await?;
-            Some((reading, plain_name(reader).to_owned()))
-        }
-    };
-    let report = AskedReport {
-        query: ReportQuery {
-            language: asked.language,
-            patient: asked.patient,
-        },
-        format,
-        subject: ReportSubject::OfCase,
-        reading,
-    };
+    let report = asked.report(&cases, &id, &holder, format).await?;
     let body = cases.report(&id, report).await?;
     let mut response = Representation {
         tag: EntityTag::of_bytes(&body, Coding::Identity),

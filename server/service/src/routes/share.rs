@@ -3,6 +3,7 @@
 use std::io::{self, Write as _};
 
 use ::report::{Language, ReportFormat, ReportQuery, ShownPatient};
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
@@ -10,7 +11,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, SurfaceName};
-use cases::report::{AskedReport, ReportSubject};
+use cases::report::AskedReport;
 use cases::{Cases, Error};
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -19,10 +20,12 @@ use serde_json::{Value, json};
 
 use super::bodies::Extent;
 use super::cases::view_of_surface;
+use super::report::ReportKeys;
 use super::textures::layout;
-use crate::routes::asked::{CasePath, Keys};
+use crate::routes::asked::CasePath;
 use crate::wire::{self, Texture};
 use access::audited::NamesPatient;
+use access::tokens::Holder;
 use http::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
 use http::negotiate::{Coding, media_type};
 use http::problem::AppError;
@@ -48,9 +51,10 @@ const MARK: &str = "<!--contents-->";
 /// steps; it then states so. It names the patient only on request; no cache may store it then.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/share", tag = "findings",
-    params(("id" = String, Path, description = "The case"), ReportQuery),
+    params(("id" = String, Path, description = "The case"), ReportKeys),
     responses(
         (status = 200, description = "The file", content((String = "text/html"))),
+        (status = 404, description = "There is no such case, or no such reading (`no-such-reading`)"),
         (status = 406, description = "HTML is not accepted"),
         (status = 409, description = "The case or its maps are not ready, or not even coarse intensities fit: `too-large-to-share`"),
         (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
@@ -59,13 +63,16 @@ const MARK: &str = "<!--contents-->";
 pub async fn get_share(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery {
-        asked: Keys(asked), ..
-    }: ApiQuery<Keys<ReportQuery>>,
+    Extension(holder): Extension<Holder>,
+    ApiQuery { asked, .. }: ApiQuery<ReportKeys>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[HTML])?;
-    let shared = Shared::gather(&cases, &id, asked).await?;
+    let report = asked
+        .report(&cases, &id, &holder, ReportFormat::Text)
+        .await?;
+    let names_patient = report.query.patient;
+    let shared = Shared::gather(&cases, &id, report).await?;
     let turn = cases.queue.turn().await?;
     let file = turn.run(move || shared.write(MOST_BYTES)).await?;
     let body = file.ok_or_else(too_large)?;
@@ -82,10 +89,10 @@ pub async fn get_share(
         body,
         headers,
         vary: "accept",
-        cache_control: if asked.patient { NO_STORE } else { REVALIDATE },
+        cache_control: if names_patient { NO_STORE } else { REVALIDATE },
     }
     .respond(&request)?;
-    if asked.patient {
+    if names_patient {
         response.extensions_mut().insert(NamesPatient);
     }
     Ok(response)
@@ -134,25 +141,24 @@ impl VolumeForm {
 }
 
 impl Shared {
-    async fn gather(cases: &Cases, id: &CaseId, asked: ReportQuery) -> Result<Self, AppError> {
+    async fn gather(cases: &Cases, id: &CaseId, asked: AskedReport<'_>) -> Result<Self, AppError> {
         let facts = cases.ready(id).await?;
-        let report = AskedReport {
-            query: asked,
-            format: ReportFormat::Text,
-            subject: ReportSubject::OfCase,
-            reading: None,
+        let ReportQuery { language, patient } = asked.query;
+        let findings = match &asked.reading {
+            Some((kept, _)) => kept.reading.findings.clone(),
+            None => cases.findings(id).await?.list,
         };
-        let report = cases.report(id, report);
+        let report = cases.report(id, asked);
         Ok(Self {
             id: *id,
-            language: asked.language,
+            language,
             report: report.await?,
-            patient: match asked.patient {
+            patient: match patient {
                 true => patient_of(cases.shown_patient(id).await?),
                 false => String::new(),
             },
             case: described(cases, id, SurfaceName::Whole).await?,
-            findings: json!({ "findings": cases.findings(id).await?.list }),
+            findings: json!({ "findings": findings }),
             depths: wire::depth_texture(&cases.model(id).await?),
             volumes: volumes(cases, id, &facts).await?,
             parts: parts(cases, id).await?,
