@@ -474,6 +474,7 @@ test(
         { name: "again-mask.nii", bytes: brainMask() },
         { name: "again.nii", bytes: markedVolume() },
       ]);
+      await page.locator("dialog.dropped button[value=case]").click();
       assert.equal(
         await until(
           () => page.locator(".chosen-names").innerText(),
