@@ -195,7 +195,7 @@ test(
       return (await download).path();
     };
     assert.doesNotMatch(await readFile(await saved("Save the report"), "utf8"), /Müller/);
-    await page.getByLabel("With the name of the patient").check();
+    await page.locator("#report-patient").check();
     assert.match(await readFile(await saved("Save the report"), "utf8"), /Müller/);
 
     await page.getByText("Other files").click();
