@@ -242,4 +242,12 @@ test("left is left in the file, on the surface and in the slices", { skip, timeo
   assert.deepEqual(troubles, []);
   assert.deepEqual(requests, []);
   await close();
+  // Of an address with what only a server has, the file shows what it has, and complains of nothing.
+  const layer = "0".repeat(32);
+  const asked = `#${marked}&y=${layer}&w=0.5,0.1&S=1&Sb=${layer}&n=axial&e=0.5&h=1&l=slices`;
+  const other = await openFile(file, asked);
+  assert.deepEqual(await fragment(other.page), { id: marked, l: "slices" });
+  assert.equal(await other.page.locator(".notice-line.bad[role=alert]:visible").count(), 0);
+  assert.deepEqual([other.troubles, other.requests], [[], []]);
+  await other.close();
 });

@@ -76,11 +76,17 @@ class Server {
   tag = 1;
   readonly seen: string[] = [];
   isAway = false;
+  isDeleted = false;
+  /** What happens while the next change is sent. */
+  during: (() => void) | null = null;
 
   readonly fetch = async (path: unknown, { method = "GET", headers = {}, body }: RequestInit = {}) => {
     if (this.isAway) throw new TypeError("unreachable");
     if (String(path).endsWith("/readings")) return Response.json({ readings: [] });
+    if (this.isDeleted) return new Response("", { status: 404 });
     this.seen.push(method);
+    if (method !== "GET") this.during?.();
+    if (method !== "GET") this.during = null;
     const known = (headers as Readonly<Record<string, string>>)["if-match"];
     if (method !== "GET" && known !== `"${this.tag}"`) return new Response("", { status: 412 });
     if (method === "PUT") {
@@ -98,7 +104,11 @@ class Server {
   }
 }
 
+type Hear = (event: Event) => void;
+
 let server: Server;
+/** Who hears of events of the page. */
+const listening = new Set<Hear>();
 let reading: Reading;
 const list = signal<readonly Finding[]>([]);
 
@@ -107,10 +117,15 @@ beforeEach(async () => {
   mock.timers.enable({ apis: ["setTimeout"] });
   server = new Server();
   mock.method(globalThis, "fetch", server.fetch);
-  Object.assign(globalThis, { addEventListener: () => {}, removeEventListener: () => {} });
+  listening.clear();
+  const target = {
+    addEventListener: (_: string, hear: Hear) => listening.add(hear),
+    removeEventListener: (_: string, hear: Hear) => listening.delete(hear),
+  };
+  Object.assign(globalThis, target, { document: { ...target, hidden: true } });
   holder.value = { name: "proxy:ana", scopes: ["read", "write"] };
   list.value = [at("a", [1, 2, 3])];
-  reading = new Reading("0".repeat(32), list);
+  reading = Reading.of("0".repeat(32), list);
   await reading.load();
   server.seen.length = 0;
 });
@@ -124,7 +139,7 @@ afterEach(() => {
 test("a conclusion is sent as soon as the hand rests, and again once the server is back", async () => {
   reading.write("Thick");
   reading.write("Thick gyrus\r\nleft\u202e");
-  assert.ok(!reading.isKept);
+  assert.ok(!reading.isKept.value);
   mock.timers.tick(500);
   await reading.flush();
   assert.deepEqual([server.mine.conclusion, server.seen], ["Thick gyrus\nleft", ["PUT"]]);
@@ -142,9 +157,9 @@ test("a conclusion is sent as soon as the hand rests, and again once the server 
 
 test("what is signed has the findings as they are shown, stays, and is corrected by its next version", async () => {
   reading.write("Thick");
-  assert.ok(await reading.sign());
+  assert.ok(await reading.sign(reading.seen));
   assert.deepEqual([server.mine.state, server.mine.conclusion, ids(server.mine.findings)], ["signed", "Thick", "a"]);
-  assert.ok(reading.isSigned.value && reading.isKept);
+  assert.ok(reading.isSigned.value && reading.isKept.value);
   list.value = [...list.value, at("b", [9, 9, 9])];
   assert.equal(await reading.reported(), "proxy:ana");
   assert.equal(ids(server.mine.findings), "a", "a report changes nothing that is signed");
@@ -162,15 +177,82 @@ test("what another window wrote meanwhile stays, and is never signed unseen", as
   assert.equal(server.mine.conclusion, "of the other window\n\nof this one");
   assert.equal(reading.conclusion.value, server.mine.conclusion);
   server.put({ ...server.mine, conclusion: "another one" });
-  assert.equal(await reading.sign(), false);
-  assert.deepEqual(
-    [server.mine.state, server.mine.conclusion],
-    ["open", "another one\n\nof the other window\n\nof this one"],
-  );
+  assert.equal(await reading.sign(reading.seen), false);
+  assert.deepEqual([server.mine.state, reading.conclusion.value], ["open", "another one"]);
   assert.equal(reading.status.value, english["problem.reading-changed"]);
   server.put({ ...server.mine, state: "signed" });
-  assert.equal(await reading.sign(), false);
+  assert.equal(await reading.sign(reading.seen), false);
   assert.equal(server.mine.version, 1);
+});
+
+test("what is signed is what was seen when the reader was asked", async () => {
+  reading.write("Thick");
+  const { seen } = reading;
+  list.value = [at("a", [1, 2, 3]), at("b", [9, 9, 9])];
+  assert.equal(await reading.sign(seen), false);
+  assert.equal(reading.status.value, english["problem.reading-changed"]);
+  server.during = () => (list.value = []);
+  assert.equal(await reading.sign(reading.seen), false);
+  assert.equal(server.mine.state, "open");
+  // The server adds a side, which nobody has written.
+  server.during = () => (list.value = [at("c", [7, 7, 7], { side: "left" })]);
+  list.value = [at("c", [7, 7, 7])];
+  assert.ok(await reading.sign(reading.seen));
+  assert.equal(ids(server.mine.findings), "c");
+});
+
+test("what is typed while another window signs is kept for the correction", async () => {
+  reading.write("Thick");
+  await reading.flush();
+  server.put({ ...server.mine, state: "signed" });
+  reading.write("Thick, and blurred");
+  await assert.rejects(reading.flush());
+  assert.ok(reading.isSigned.value && !reading.isKept.value);
+  await reading.load();
+  await reading.flush();
+  assert.deepEqual([server.mine.version, reading.conclusion.value], [1, "Thick, and blurred"]);
+  assert.ok(await reading.correct());
+  assert.deepEqual([server.mine.version, server.mine.state, server.mine.conclusion], [2, "open", "Thick, and blurred"]);
+  assert.ok(reading.isKept.value);
+});
+
+test("what is deleted while it is sent does not come back", async () => {
+  reading.write("A");
+  await reading.flush();
+  server.during = () => reading.write("A");
+  reading.write("AB");
+  await reading.flush();
+  assert.deepEqual([server.mine.conclusion, reading.conclusion.value], ["AB", "A"]);
+  mock.timers.tick(500);
+  await reading.flush();
+  assert.equal(server.mine.conclusion, "A");
+});
+
+test("what was not sent of a case that was left is shown again, and the page warns until it is sent", async () => {
+  server.isAway = true;
+  reading.write("Thick");
+  reading.dispose();
+  mock.timers.tick(0);
+  await assert.rejects(reading.flush());
+  assert.equal(listening.size, 1);
+  const again = Reading.of("0".repeat(32), list);
+  assert.equal(again.conclusion.value, "Thick");
+  again.dispose();
+  server.isAway = false;
+  await again.flush();
+  assert.deepEqual([server.mine.conclusion, listening.size], ["Thick", 0]);
+});
+
+test("of a deleted case nothing is left to be sent, and a page in the background sends what there is", async () => {
+  reading.write("Thick");
+  for (const hear of listening) hear(new Event("visibilitychange", { cancelable: true }));
+  await reading.flush();
+  assert.equal(server.mine.conclusion, "Thick");
+  reading.write("Thin");
+  server.isDeleted = true;
+  reading.dispose();
+  await assert.rejects(reading.flush());
+  assert.equal(listening.size, 0);
 });
 
 test("everybody's token and this machine are nobody", () => {

@@ -105,7 +105,7 @@ export async function copyPicture(view: OnScreen, times: number): Promise<string
 }
 
 /** Saves the case as one file to look at, once the server has all findings. */
-export async function saveShared({ shown, findings }: Store, isNamed: boolean): Promise<string> {
+export async function saveShared({ shown, findings, reading }: Store, isNamed: boolean): Promise<string> {
   try {
     // A file without the last sentence would look as if it were complete: then there is none.
     await findings.sync.flush();
@@ -113,7 +113,9 @@ export async function saveShared({ shown, findings }: Store, isNamed: boolean): 
     return t("findings.unsaved", { why: problemWords(problem) });
   }
   try {
-    const query = new URLSearchParams({ language: spoken(), ...(isNamed && { patient: "true" }) });
+    const reader = await reading.reported();
+    const asked = { language: spoken(), ...(isNamed && { patient: "true" }), ...(reader && { reading: reader }) };
+    const query = new URLSearchParams(asked);
     saveFile(await getFile(`${shown.id}/share?${query}`, "text/html"), `${fileStem(shown)}.html`);
     return t("export.share.saved");
   } catch (problem) {

@@ -46,9 +46,10 @@ function Own({ store }: OfStore) {
   const isSigned = reading.isSigned.value;
   const sign = async (): Promise<void> => {
     if (!mine) return;
-    const count = number(numbered(findings.list.peek()).length);
+    const { seen } = reading;
+    const count = number(numbered(seen.findings).length);
     const about = { version: number(mine.version), count, reader: nameOf(mine) };
-    if (await confirmSign(t("reading.ask-text", about))) await reading.sign();
+    if (await confirmSign(t("reading.ask-text", about))) await reading.sign(seen);
   };
   return (
     <>
@@ -69,6 +70,7 @@ function Own({ store }: OfStore) {
           {t("reading.signed", { version: number(mine.version), reader: nameOf(mine), at: momentOf(mine) })}
         </p>
       )}
+      {isSigned && !reading.isKept.value && <Quiet>{t("reading.unsigned")}</Quiet>}
       <Status id="reading-status" words={reading.status.value} />
       {mine && !isSigned && (
         <Quiet>
@@ -81,7 +83,10 @@ function Own({ store }: OfStore) {
             {t("reading.correct")}
           </Button>
         ) : (
-          <Button disabled={!mine || !reading.isBegun.value || reading.isBusy.value} onClick={() => void sign()}>
+          <Button
+            disabled={!mine || !findings.isRead.value || !reading.isBegun.value || reading.isBusy.value}
+            onClick={() => void sign()}
+          >
             {t("reading.sign")}
           </Button>
         )}

@@ -7,7 +7,7 @@ import type { ReadyCase } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
 import { type OfCase, readState, writeAddress } from "../model/fragment.ts";
 import type { Left } from "../model/memory.ts";
-import { type Place, hasSlices, placeOf } from "../model/state.ts";
+import { type Place, type ViewState, hasSlices, placeOf } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { pacsOf, patientWords } from "../base/pacs.ts";
@@ -39,6 +39,8 @@ export interface Opening {
   readonly serverOnly: boolean;
   /** What the file holds in which the case is looked at; null: there is a server. */
   readonly shared: SharedVolume | null;
+  /** What of a state can be shown; absent: all of it. */
+  readonly keep?: (state: ViewState) => ViewState;
 }
 
 export class Viewer {
@@ -61,16 +63,18 @@ export class Viewer {
   #isDisposed = false;
   #finding: string;
   readonly #isShared: boolean;
+  readonly #keep: (state: ViewState) => ViewState;
 
-  constructor(shown: ReadyCase, { rest, finding, left, serverOnly, shared }: Opening) {
+  constructor(shown: ReadyCase, { rest, finding, left, serverOnly, shared, keep = (state) => state }: Opening) {
     // An address that says something says all; one that names the case alone leaves it as it was.
     const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left.state, shown);
     const { state, unread } = isAsLeft ? { state: left.state, unread: [] } : readState(rest, shown);
-    const store = (this.store = new Store(shown, state, left.history));
+    const store = (this.store = new Store(shown, keep(state), left.history));
     store.remark.value = unreadWords(unread);
     this.#finding = finding;
     this.#surface = new SurfacePane(store, { serverOnly, shared });
     this.#isShared = shared !== null;
+    this.#keep = keep;
     this.#slices = new SliceGroup(store, () => this.#schedule());
     this.#panes = h(
       "div",
@@ -145,7 +149,7 @@ export class Viewer {
       this.store.shown,
       rest === "" && finding ? this.store.view.now : undefined,
     );
-    this.store.take(state);
+    this.store.take(this.#keep(state));
     this.store.remark.value = unreadWords(unread);
     this.#finding = finding;
     if (finding && this.store.isLoaded.peek()) void this.#readFindings();

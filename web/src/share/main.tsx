@@ -16,7 +16,7 @@ import { readAddress } from "../model/fragment.ts";
 import { commandOf } from "../model/keys.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { sideOf } from "../model/midsagittal.ts";
-import { type Layout, hasSlices } from "../model/state.ts";
+import { type Layout, type ViewState, firstState, hasSlices } from "../model/state.ts";
 import { Button, Buttons, type OfStore, Placed, Quiet } from "../page/fields.tsx";
 import { Verdict } from "../page/notices.tsx";
 import { ViewSection } from "../page/view-section.tsx";
@@ -25,7 +25,6 @@ import { announced } from "../store/announce.ts";
 import { goToRow } from "../store/bring.ts";
 import { perform, setLayout } from "../store/commands.ts";
 import { preferences } from "../store/preferences.ts";
-import type { Store } from "../store/store.ts";
 import { type About, answered, readAbout } from "./answers.ts";
 
 const LOOKING_LAYOUTS = ["single", "slices", "mirror", "both"] as const satisfies readonly Layout[];
@@ -182,21 +181,30 @@ function restOf(shown: ReadyCase): string {
   return address.kind === "case" && address.id === shown.id ? address.rest : "";
 }
 
-/** Leaves out of what an address asks for what only a server has. */
-function keepToFile({ view }: Store): void {
-  const layout = LOOKING_LAYOUTS.find((one) => one === view.now.layout) ?? "both";
-  view.change({ way: "auto", layer: null, overlay: null, beside: null, across_deg: null, layout });
+/** A state without what only a server has, and what the file has no control for. */
+function keptToFile(state: ViewState, shown: ReadyCase): ViewState {
+  const layout = LOOKING_LAYOUTS.find((one) => one === state.layout) ?? "both";
+  const { panes, layer, overlay, beside, plane, swipe, has_edges, across_deg, way, window } = firstState(shown);
+  const kept = { ...state, panes, layer, overlay, beside, plane, swipe, has_edges, across_deg, way, layout };
+  // The window of a layer is none of the intensities.
+  return state.layer ? { ...kept, window } : kept;
 }
 
 function show(shown: ReadyCase, about: About, place: HTMLElement): void {
   const left = new ViewMemory().of(shown);
-  const viewer = new Viewer(shown, { rest: restOf(shown), finding: "", left, serverOnly: false, shared: about.volume });
-  const { store } = viewer;
-  keepToFile(store);
-  window.addEventListener("popstate", () => {
-    viewer.restore({ kind: "case", id: shown.id, rest: restOf(shown), finding: "" });
-    keepToFile(store);
+  const keep = (state: ViewState): ViewState => keptToFile(state, shown);
+  const viewer = new Viewer(shown, {
+    rest: restOf(shown),
+    finding: "",
+    left,
+    serverOnly: false,
+    shared: about.volume,
+    keep,
   });
+  const { store } = viewer;
+  window.addEventListener("popstate", () =>
+    viewer.restore({ kind: "case", id: shown.id, rest: restOf(shown), finding: "" }),
+  );
   store.patient.value = about.patient;
   if (!about.has_parts) store.refusal.value = t("share.no-parts");
   effect(() => {

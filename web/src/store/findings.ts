@@ -76,6 +76,8 @@ export class Findings {
   #writing: { readonly field: string; readonly step: Step } | null = null;
   #flows: Flows | null = null;
   #walking = 0;
+  /** Whether all that is stored is here. */
+  readonly isRead = signal(false);
   /** Whether what is stored could not be read, which is said. */
   #isUnread = false;
   readonly #ends: readonly (() => void)[];
@@ -119,6 +121,7 @@ export class Findings {
       await this.sync.load();
       if (this.#isUnread) this.status.value = "";
       this.#isUnread = false;
+      this.isRead.value = true;
     } catch (problem) {
       this.#isUnread = true;
       this.status.value = problemWords(problem);

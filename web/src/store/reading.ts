@@ -5,15 +5,24 @@ import { type ReadonlySignal, computed, signal } from "@preact/signals";
 import { Problem, ask, send } from "../base/api.ts";
 import { t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
-import type { Finding } from "../model/findings.ts";
+import { type Finding, areSame } from "../model/findings.ts";
 import { LONGEST_CONCLUSION, type ListedReading, type Reading as Kept } from "../model/readings.ts";
 import { plainText } from "../model/text.ts";
 import { announce } from "./announce.ts";
 import { isNamed, mayWrite } from "./holder.ts";
 
+/** What the server has not got yet of cases that were left, by path: it is sent again and again, and shown again. */
+const UNSENT = new Map<string, Reading>();
+
 /** How long the hand may rest before the conclusion is sent, and before it is sent again, in ms. */
 const REST_MS = 500;
 const AGAIN_MS = 5000;
+
+/** What is signed: what was shown when the reader was asked. */
+export interface Seen {
+  readonly conclusion: string;
+  readonly findings: readonly Finding[];
+}
 
 interface Stored {
   readonly reading: Kept;
@@ -23,7 +32,7 @@ interface Stored {
 export class Reading {
   readonly #path: string;
   /** The findings of the case as they are shown. */
-  readonly #findings: ReadonlySignal<readonly Finding[]>;
+  #findings: ReadonlySignal<readonly Finding[]>;
   /** Who has read the case. */
   readonly all = signal<readonly ListedReading[]>([]);
   readonly #stored = signal<Stored | null>(null);
@@ -33,6 +42,8 @@ export class Reading {
   /** Whether there is a reading to report: something is concluded. */
   readonly isBegun = computed(() => this.conclusion.value.trim() !== "");
   readonly conclusion = signal("");
+  /** Whether the server has what was typed. */
+  readonly isKept = computed(() => !this.mine.value || this.mine.value.conclusion === plain(this.conclusion.value));
   /** Where the conclusion is. */
   readonly status = signal("");
   /** Whether a signature or a correction is on its way. */
@@ -42,35 +53,43 @@ export class Reading {
   #isUnread = false;
   #last: Promise<unknown> = Promise.resolve();
 
-  constructor(id: string, findings: ReadonlySignal<readonly Finding[]>) {
-    this.#path = `v1/cases/${id}/readings`;
+  private constructor(path: string, findings: ReadonlySignal<readonly Finding[]>) {
+    this.#path = path;
     this.#findings = findings;
-    addEventListener("beforeunload", this.#leave);
+  }
+
+  /** The reading of a case that is opened. */
+  static of(id: string, findings: ReadonlySignal<readonly Finding[]>): Reading {
+    const path = `v1/cases/${id}/readings`;
+    const reading = UNSENT.get(path) ?? new Reading(path, findings);
+    UNSENT.delete(path);
+    reading.#findings = findings;
+    addEventListener("beforeunload", reading.#leave);
+    document.addEventListener("visibilitychange", reading.#turn);
+    return reading;
   }
 
   /** What was not sent is sent now; without a server, again and again, and whoever closes the page is warned as long. */
   dispose(): void {
-    this.flush().then(
-      () => removeEventListener("beforeunload", this.#leave),
-      () => {},
-    );
-  }
-
-  /** Whether the server has what was typed. */
-  get isKept(): boolean {
-    const mine = this.mine.peek();
-    return !mine || mine.state === "signed" || mine.conclusion === this.#typed;
+    document.removeEventListener("visibilitychange", this.#turn);
+    UNSENT.set(this.#path, this);
+    this.#sendIn(0);
   }
 
   get #typed(): string {
-    return plainText(this.conclusion.peek(), LONGEST_CONCLUSION);
+    return plain(this.conclusion.peek());
+  }
+
+  /** What is shown now, to be signed. */
+  get seen(): Seen {
+    return { conclusion: this.#typed, findings: this.#findings.peek() };
   }
 
   /** Reads who has read the case, and one's own reading, if one has a name. */
   async load(): Promise<void> {
     const isRead = await this.#tell(async () => {
       this.all.value = (await ask<{ readonly readings: readonly ListedReading[] }>(this.#path)).readings;
-      if (isNamed.peek() && mayWrite.peek() && this.isKept) await this.#inTurn(() => this.#read());
+      if (isNamed.peek() && mayWrite.peek() && this.isKept.peek()) await this.#inTurn(() => this.#read());
     });
     if (isRead && this.#isUnread) this.status.value = "";
     this.#isUnread = !isRead;
@@ -82,22 +101,36 @@ export class Reading {
     this.#sendIn(REST_MS);
   }
 
-  /** Sends the conclusion, with the findings as they are shown. Rejects if the server cannot have it. */
+  /** Sends the conclusion, with the findings as they are shown; beside a signed one it waits for a correction. */
   async flush(): Promise<void> {
     clearTimeout(this.#timer);
-    await this.#inTurn(async () => {
-      if (!this.isKept) await this.#keep();
-    });
+    try {
+      await this.#inTurn(async () => {
+        if (!this.isKept.peek() && !this.isSigned.peek()) await this.#keep();
+      });
+      if (this.isKept.peek()) this.#forget();
+    } catch (problem) {
+      // Of a case that is deleted nothing is left.
+      if (problem instanceof Problem && problem.status === 404) this.#forget();
+      throw problem;
+    }
   }
 
-  /** Signs the conclusion with the findings as they are shown; whether it is signed now. */
-  sign(): Promise<boolean> {
+  #forget(): void {
+    if (UNSENT.get(this.#path) !== this) return;
+    UNSENT.delete(this.#path);
+    removeEventListener("beforeunload", this.#leave);
+  }
+
+  /** Signs what was seen; whether it is signed now. */
+  sign(seen: Seen): Promise<boolean> {
     clearTimeout(this.#timer);
     return this.#act(async () => {
-      const seen = this.#typed;
       await this.#keep();
-      // What another window wrote was not read by whoever signs.
-      if (this.#typed !== seen) throw new Problem(412, "reading-changed", "");
+      // What another window or another reader wrote was not read by whoever signs.
+      const { conclusion, findings } = this.seen;
+      if (conclusion !== seen.conclusion || !areSame(findings, seen.findings))
+        throw new Problem(412, "reading-changed", "");
       const headers = { "if-match": this.#stored.peek()?.tag ?? "" };
       await this.#take(await send(`${this.#path}/mine/signature`, { method: "POST", headers }));
       announce(t("reading.done"));
@@ -114,13 +147,18 @@ export class Reading {
 
   /** Begins the next version of what is signed. */
   correct(): Promise<boolean> {
-    return this.#act(() => this.#put());
+    return this.#act(() => this.#keep());
   }
 
   readonly #leave = (event: Event): void => {
-    if (this.isKept) return;
+    if (this.isKept.peek()) return;
     event.preventDefault();
     this.flush().catch(() => {});
+  };
+
+  /** Nothing may be left of a page in the background. */
+  readonly #turn = (): void => {
+    if (document.hidden) this.flush().catch(() => {});
   };
 
   #act(work: () => Promise<void>): Promise<boolean> {
@@ -178,30 +216,31 @@ export class Reading {
       await this.#put();
     } catch (problem) {
       if (!(problem instanceof Problem) || problem.status !== 412) throw problem;
-      const typed = this.#typed;
       await this.#read();
       const there = this.mine.peek();
       if (!there || there.state === "signed") throw problem;
-      const both = [there.conclusion, typed].filter((text) => text !== "").join("\n\n");
-      this.conclusion.value = there.conclusion === base || there.conclusion === typed ? typed : both;
+      if (there.conclusion !== base && !this.isKept.peek())
+        this.conclusion.value = [there.conclusion, this.#typed].filter((text) => text !== "").join("\n\n");
       await this.#put();
     }
   }
 
   async #put(): Promise<void> {
     const headers = { "if-match": this.#stored.peek()?.tag ?? "", "content-type": "application/json" };
-    const body = JSON.stringify({ conclusion: this.#typed, findings: this.#findings.peek() });
-    await this.#take(await send(`${this.#path}/mine`, { method: "PUT", headers, body }));
+    const sent = this.seen;
+    const body = JSON.stringify(sent);
+    const keepalive = body.length < 20_000;
+    await this.#take(await send(`${this.#path}/mine`, { method: "PUT", headers, body, keepalive }), sent.conclusion);
   }
 
-  /** Takes over what the server has; what was typed since stays. */
-  async #take(answer: Response): Promise<void> {
-    const before = this.mine.peek();
-    const isTyped = before !== null && before.state === "open" && this.#typed !== before.conclusion;
+  /** Takes over what the server has; what was typed after `known` stays. */
+  async #take(answer: Response, known = this.mine.peek()?.conclusion ?? ""): Promise<void> {
     const reading = (await answer.json()) as Kept;
     // A proxy that compresses makes a weak tag of a strong one.
     const tag = (answer.headers.get("etag") ?? "").replace(/^W\//, "");
     this.#stored.value = { reading, tag };
-    if (!isTyped || reading.state === "signed") this.conclusion.value = reading.conclusion;
+    if (this.#typed === known && known !== reading.conclusion) this.conclusion.value = reading.conclusion;
   }
 }
+
+const plain = (text: string): string => plainText(text, LONGEST_CONCLUSION);

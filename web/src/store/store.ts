@@ -129,7 +129,7 @@ export class Store {
     this.places = new Places(this.view, this.caseLayers);
     const depths = computed(() => this.surface?.depths ?? null);
     this.findings = new Findings(this.view, depths, (position) => this.surface?.wholeDepth(position) ?? null);
-    this.reading = new Reading(shown.id, this.findings.list);
+    this.reading = Reading.of(shown.id, this.findings.list);
     this.rows = new Rows(this.places, this.findings);
     this.measures = new Measures(this.view, depths, this.findings);
     this.point = new MarkedPoint(this.view, () => this.surface, this.layers);

@@ -23,6 +23,7 @@ interface Answer {
 export class Kernel {
   readonly #model: Model;
   readonly #waiting = new Map<number, (answer: Answer, body: BlobPart | undefined) => void>();
+  #isOver = false;
 
   constructor(model: Model) {
     this.#model = model;
@@ -37,6 +38,7 @@ export class Kernel {
       const { accept = "*/*" } = Object.fromEntries(new Headers(headers));
       signal?.addEventListener("abort", () => {
         if (this.#waiting.delete(ask)) reject(signal.reason as Error);
+        this.#rest();
       });
       this.#waiting.set(ask, ({ status, headers: its }, body) =>
         resolve(new Response(body ?? null, { status, headers: its })),
@@ -48,9 +50,16 @@ export class Kernel {
     const resolve = this.#waiting.get(content.answer);
     this.#waiting.delete(content.answer);
     resolve?.(content, buffers[0]);
+    this.#rest();
   };
 
+  /** Hears until all is answered that was asked: another view of the same case may have asked by way of this one. */
   dispose(): void {
-    this.#model.off("msg:custom", this.#hear);
+    this.#isOver = true;
+    this.#rest();
+  }
+
+  #rest(): void {
+    if (this.#isOver && this.#waiting.size === 0) this.#model.off("msg:custom", this.#hear);
   }
 }
