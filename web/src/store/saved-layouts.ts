@@ -43,7 +43,7 @@ export function recallLayout(store: Store, at: number): void {
   if (saved.layout === "closer" && !now.crosshair_mm) return announce(t("closer.unmarked"));
   const layers = layersOf(store);
   store.large.value = null;
-  store.change(recalled(saved, now, store.shown, layers), true);
+  if (!store.change(recalled(saved, now, store.shown, layers), true)) return;
   announce(t("layouts.shown", { name: saved.name }));
   const names = missingOf(saved, store.shown, layers);
   if (names.length > 0) note(t("strip.missing", { names: names.join(", ") }));

@@ -37,8 +37,6 @@ import { note } from "./announce.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { View } from "./view.ts";
 
-/** So many layers can be drawn with at once. */
-const MOST_SHOWN = 8;
 /** Twice a second there, twice away. */
 const BLINK_MS = 250;
 
@@ -150,8 +148,7 @@ export class ShownLayers {
     const name = this.series.find((one) => one.id === id)?.name;
     if (!look || name === undefined) return note(t("layers.none-ready"));
     const change = withLook(now, place, look);
-    if (allLayersOf({ ...now, ...change }).length > MOST_SHOWN) return note(t("strip.too-many"));
-    this.#view.change({ ...change, ...(place !== "left" && { swipe: null }) }, true);
+    if (!this.#view.change({ ...change, ...(place !== "left" && { swipe: null }) }, true)) return;
     note(t("strip.said", { name, pane: paneWords(now, place) }));
   }
 
@@ -211,15 +208,15 @@ export class ShownLayers {
       case "edges": {
         const layout = isMirrored(now) ? "both" : "slices";
         const needsSlices = !now.has_edges && !hasSlices(now) && !isCloser;
-        return this.#view.change({ has_edges: !now.has_edges, ...(needsSlices && { layout }) }, true);
+        return void this.#view.change({ has_edges: !now.has_edges, ...(needsSlices && { layout }) }, true);
       }
       case "beside": {
         if (isCloser) return;
         // A mirrored half gives way, and comes back.
-        if (now.beside) return this.#view.change({ beside: null, layout: this.#beforeBeside ?? now.layout }, true);
+        if (now.beside) return void this.#view.change({ beside: null, layout: this.#beforeBeside ?? now.layout }, true);
         const layout = hasSlices(now) ? "slices" : "single";
         this.#beforeBeside = now.layout;
-        return this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
+        return void this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
       }
       case "swap":
         // What is chosen is of the right half.
