@@ -322,7 +322,9 @@ export class Viewer {
   get onScreen(): OnScreen {
     const { store } = this;
     // A layer that is being fetched is not on the screen; in a close-up the surface is not.
-    const state = this.#closer ? store.drawn.peek() : { ...store.view.now, ...this.#surface.layers };
+    const state = this.#closer
+      ? store.drawn.peek()
+      : { ...store.view.now, panes: store.drawn.peek().panes, ...this.#surface.layers };
     return {
       shown: store.shown,
       state,

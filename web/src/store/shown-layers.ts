@@ -30,6 +30,7 @@ import {
   isMirrored,
   lookAt,
   placeOf,
+  seenOf,
   withLook,
 } from "../model/state.ts";
 import type { Affine, Vec3 } from "../model/space.ts";
@@ -52,8 +53,8 @@ export class ShownLayers {
   readonly moved = signal<Affine | null>(null);
   /** Counts how often a key asked to move the layer by hand. */
   readonly nudges = signal(0);
-  /** Files that were dropped on the case, to be added to it. */
-  readonly dropped = signal<readonly File[]>([]);
+  /** Files that were dropped on the case, or on the form where they are described, to be added to it. */
+  readonly dropped = signal<{ readonly files: readonly File[]; readonly isOnForm: boolean } | null>(null);
   /** What became of a layer. */
   readonly said = signal("");
   readonly #view: View;
@@ -73,7 +74,10 @@ export class ShownLayers {
     this.#complain = complain;
     this.drawn = computed(() => this.#drawnOf(view.state.value));
     this.shownId = computed(() => {
-      const ids = [view.state.value, view.seen.value].map(
+      const before = this.#movedId;
+      // What was moved stays so in whichever pane the hand is.
+      if (this.moved.value && before && allLayersOf(view.state.value).includes(before)) return before;
+      const ids = [view.seen.value, view.state.value].map(
         ({ layer, overlay }) => layer?.id ?? (overlay && isLayerId(overlay.name) ? overlay.name : null),
       );
       return ids.find((id) => id !== null) ?? null;
@@ -181,8 +185,7 @@ export class ShownLayers {
   /** The values at a position of the layers that are shown, as far as their voxels are here. */
   valuesAt(position: Vec3): readonly NamedValue[] {
     const isHere = this.#layers.here.value;
-    const looks: readonly HalfLook[] = [this.drawn.value, ...Object.values(this.drawn.value.panes)];
-    const shown = looks.flatMap(({ layer, overlay }) => [
+    const shown = seenOf(this.drawn.value).flatMap(({ layer, overlay }) => [
       ...(layer ? [{ id: layer.id, name: layer.about?.title ?? "", moved: layer.moved }] : []),
       ...(overlay ? [{ id: overlay.name, name: overlayName(overlay), moved: overlay.moved }] : []),
     ]);
@@ -219,8 +222,11 @@ export class ShownLayers {
         return void this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
       }
       case "swap":
-        // What is chosen is of the right half.
-        if (now.beside && !isCloser) this.#view.change({ ...now.beside, beside: halfOf(now) }, true);
+        // What is chosen is of the right half, which the surface may have of its own.
+        if (now.beside && !isCloser) {
+          const right = now.panes.surface ? "surface" : "all";
+          this.#view.change({ ...withLook(now, right, now.beside), beside: lookAt(now, right) }, true);
+        }
         return;
     }
   }
