@@ -217,6 +217,13 @@ export function seenOf(state: ViewState): readonly ViewState[] {
   return slots.length > 0 ? slots.map((slot) => stateIn(state, slot)) : [state];
 }
 
+/** The panes to be named where they show different series; halves beside each other are named as such. */
+export function namedSlots(state: ViewState): readonly Slot[] {
+  const slots = slotsOf(state);
+  if (slots.length < 2 || !slots.some((slot) => state.panes[slot])) return [];
+  return slots.filter((slot) => slot !== "surface" || !state.beside);
+}
+
 /** The layers of all panes, each once. */
 export const allLayersOf = (state: ViewState): readonly string[] => [...new Set(seenOf(state).flatMap(layersOf))];
 
