@@ -15,7 +15,15 @@ import { type Layer, greyOf, nextOf, overlayOf, styleOfLayer } from "../src/mode
 import { isDiverging, overlayPairs, overlayText, readOverlay, shareOf, styleOf } from "../src/model/maps.ts";
 import { renderQuery, sliceQuery } from "../src/model/query.ts";
 import { sheetBody } from "../src/model/series.ts";
-import { type ViewState, firstState, presetWindow, textureOf } from "../src/model/state.ts";
+import {
+  type ViewState,
+  allLayersOf,
+  firstState,
+  halfOf,
+  namedSlots,
+  presetWindow,
+  textureOf,
+} from "../src/model/state.ts";
 import { product } from "../src/model/affine.ts";
 import { subtract, transform } from "../src/model/space.ts";
 import { angleOf, stepOf } from "../src/model/nudge.ts";
@@ -180,4 +188,17 @@ test("a step moves a layer by 0.5 mm or turns it by 0.5° about a point, and bac
   assert.ok(chin[2] > 0.8, "the face goes up");
   const top = transform(stepOf(2, true, [0, 0, 0]), [0, 0, 100]);
   assert.ok(top[0] < -0.8, "the top of the head goes to the right");
+});
+
+test("the layers of panes count where the layout has those panes, and that of all where a pane has none of its own", () => {
+  const own = (id: string) => ({ ...halfOf(FIRST), layer: { id } });
+  const state: ViewState = { ...FIRST, layer: { id: "all" }, panes: { "slice-1": own("one"), map: own("map") } };
+  assert.deepEqual(allLayersOf(state), ["all"]);
+  assert.deepEqual(allLayersOf({ ...state, layout: "slices" }), ["all", "one"]);
+  assert.deepEqual(allLayersOf({ ...state, layout: "map" }), ["all", "map"]);
+  assert.deepEqual(namedSlots(state), []);
+  assert.deepEqual(namedSlots({ ...state, layout: "map" }), ["surface", "map"]);
+  assert.deepEqual(namedSlots({ ...state, layout: "map", beside: halfOf(FIRST) }), ["map"]);
+  const alone = { ...state, panes: { surface: own("surface") } };
+  assert.deepEqual(allLayersOf(alone), ["surface"]);
 });

@@ -7,7 +7,7 @@ import { NAMED_VIEWS, viewName } from "../src/model/camera.ts";
 import { Checklist, bandOf, looksOf } from "../src/model/checklist.ts";
 import { commandOf, recallOf } from "../src/model/keys.ts";
 import { firstOverlay } from "../src/model/maps.ts";
-import type { Layer } from "../src/model/layers.ts";
+import { type Layer, overlayOf } from "../src/model/layers.ts";
 import { boundName, missingOf, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
 import {
   type Place,
@@ -129,6 +129,7 @@ test("a saved layout keeps what panes show by its kind, which another case has u
     ...first,
     plane: "axial",
     panes: {
+      across: { ...own, layer: { id: "1".repeat(32) }, overlay: firstOverlay("blur") },
       surface: { ...own, overlay: { ...firstOverlay("flair"), threshold: 3 } },
       "slice-1": own,
       "slice-2": shows("1"),
@@ -141,6 +142,7 @@ test("a saved layout keeps what panes show by its kind, which another case has u
   // What no other case can have is one patient's.
   assert.deepEqual(saved.series, {
     surface: "flair,3",
+    across: "layer:flair|blur",
     "slice-1": "own",
     "slice-2": "layer:flair",
     "slice-3": "layer:pet",
@@ -148,11 +150,16 @@ test("a saved layout keeps what panes show by its kind, which another case has u
   const others = [layer("4", { contrast: "flair" }), layer("5", { contrast: "flair" })];
   const { panes = {}, plane } = recalled(saved, first, SHOWN, others);
   assert.equal(plane, "axial");
-  assert.deepEqual(Object.keys(panes), ["surface", "slice-1", "slice-2"]);
+  assert.deepEqual(Object.keys(panes), ["surface", "slice-1", "slice-2", "across"]);
+  assert.deepEqual([panes.across?.layer?.id, panes.across?.overlay?.name], ["5".repeat(32), "blur"]);
+  const coloured = savedAs("c", { ...state, panes: { map: { ...own, overlay: overlayOf(layer("2", {})) } } }, layers);
+  assert.deepEqual(coloured.series, { map: "colours:pet" });
+  const over = recalled(coloured, first, SHOWN, [layer("6", { kind: "pet" })]).panes?.map;
+  assert.deepEqual([over?.layer, over?.overlay?.name], [null, "6".repeat(32)]);
   assert.equal(panes["slice-2"]?.layer?.id, "5".repeat(32));
   assert.deepEqual(panes["slice-2"]?.window, { center: 50.5, width: 101 });
   assert.deepEqual([panes.surface?.overlay?.name, panes.surface?.overlay?.threshold], ["flair", 3]);
-  assert.deepEqual(missingOf(saved, SHOWN, others), ["PET"]);
+  assert.deepEqual(missingOf(saved, others), ["pet"]);
   // A layout of before has none, nor has a damaged one.
   const { series: _, plane: __, ...before } = saved;
   const damaged = { ...before, series: { "slice-1": "layer:<b>", "slice-2": 3, nowhere: "own" }, plane: "oblique" };

@@ -41,11 +41,11 @@ import {
   type Maps,
   type TexelGrid,
 } from "./uniforms.ts";
+import { MOST_SHOWN } from "../model/state.ts";
 import type { SurfaceName } from "../model/surfaces.ts";
 import type { Block, PathsTable } from "../model/wire.ts";
 
 const UPLOAD_BYTES = 1 << 20;
-const MOST_LAYERS = 4;
 interface Texture {
   readonly texture: WebGLTexture;
   readonly grid: TexelGrid;
@@ -170,7 +170,7 @@ export class Painter {
     const texture = yield* this.#uploaded(encoding, layer.size, layer.voxels);
     this.dropLayer(name);
     this.#layers.set(name, { texture, grid: texelGrid(layer, encoding.unit) });
-    for (const old of [...this.#layers.keys()].slice(0, -MOST_LAYERS)) this.dropLayer(old);
+    for (const old of [...this.#layers.keys()].slice(0, -MOST_SHOWN)) this.dropLayer(old);
   }
 
   /** Drops the voxels of a layer: they are no longer what the server has. */

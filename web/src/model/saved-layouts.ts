@@ -4,7 +4,16 @@ import { NAMED_VIEWS, VIEW_NAMES, type ViewName, viewName } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { laidOut } from "./commands.ts";
 import type { Change } from "./controls.ts";
-import { CONTRASTS, LAYER_KINDS, type Layer, greyOf, isReady } from "./layers.ts";
+import {
+  CONTRASTS,
+  type Contrast,
+  LAYER_KINDS,
+  type Layer,
+  type LayerKind,
+  greyOf,
+  isReady,
+  overlayOf,
+} from "./layers.ts";
 import { isMap, overlayText, readOverlay } from "./maps.ts";
 import {
   COLORMAPS,
@@ -45,7 +54,7 @@ export interface SavedLayout {
   readonly has_inner: boolean;
   /**
    * What panes show that have a series of their own: a map, as the address writes it, or the contrast or the kind of a layer, of which
-   * another case has the newest; `own` is the case itself.
+   * another case has the newest, or one over the other, after a bar; `own` is the case itself.
    */
   readonly series: Readonly<Partial<Record<Slot, string>>>;
   /** The plane of all slices; null: each has its own. */
@@ -53,47 +62,58 @@ export interface SavedLayout {
 }
 
 /** What layers can be found by in any case. Others, such as the map of another program, are one patient's. */
-const FOUND_BY: readonly string[] = [...CONTRASTS, ...LAYER_KINDS].filter(
-  (one) => !/^(other|mr|map|labels)$/.test(one),
-);
+const FOUND_BY = [...CONTRASTS, ...LAYER_KINDS].filter((one) => !/^(other|mr|map|labels)$/.test(one));
 const OWN = "own";
-/** Before the contrast or the kind of a layer: there is a map of the name of one. */
+/** Before the contrast or the kind of a layer in grey, or in colours: there is a map of the name of one. */
 const LAYER = "layer:";
+const COLOURS = "colours:";
 
 const foundBy = ({ contrast, kind }: Layer): string | null =>
   FOUND_BY.find((one) => one === contrast) ?? FOUND_BY.find((one) => one === kind) ?? null;
 
 /** What is kept of the series of a pane; null: it is one patient's. */
 function kept({ layer, overlay }: HalfLook, layers: readonly Layer[]): string | null {
-  if (overlay && isMap(overlay.name)) return overlayText(overlay);
-  const found = layers.find(({ id }) => id === (layer?.id ?? overlay?.name));
-  const by = found && foundBy(found);
-  return by ? LAYER + by : layer || overlay ? null : OWN;
+  const found = (start: string, id: string): string | null => {
+    const one = layers.find((other) => other.id === id);
+    const by = one && foundBy(one);
+    return by ? start + by : null;
+  };
+  if (!layer && !overlay) return OWN;
+  const over = overlay && (isMap(overlay.name) ? overlayText(overlay) : found(COLOURS, overlay.name));
+  return [layer && found(LAYER, layer.id), over].filter(Boolean).join("|") || null;
 }
 
-/** The look of a kept series in a case; null if the case has none. */
-function lookOf(text: string, shown: ReadyCase, layers: readonly Layer[]): HalfLook | null {
-  const own = halfOf(firstState(shown));
+/** What a part of a kept series changes in a case; null if the case has none. */
+function partOf(text: string, layers: readonly Layer[]): Partial<HalfLook> | null {
   const overlay = readOverlay(text)?.overlay;
-  if (overlay) return { ...own, overlay };
-  if (text === OWN) return own;
-  const newest = layers.findLast((one) => isReady(one) && LAYER + foundBy(one) === text);
+  if (overlay) return { overlay };
+  if (text === OWN) return {};
+  const [start, by] = text.split(":");
+  const newest = layers.findLast((one) => isReady(one) && foundBy(one) === by);
+  if (newest && `${start}:` === COLOURS) return { overlay: overlayOf(newest) };
   const layer = newest && greyOf(newest);
-  return layer ? { ...own, layer, window: layer.intensity.window } : null;
+  return layer ? { layer, window: layer.intensity.window } : null;
+}
+
+/** The look of a kept series in a case; null if the case has not all of it. */
+function lookOf(text: string, shown: ReadyCase, layers: readonly Layer[]): HalfLook | null {
+  const parts = text.split("|").map((part) => partOf(part, layers));
+  return parts.includes(null) ? null : Object.assign(halfOf(firstState(shown)), ...parts);
 }
 
 /** The contrasts and kinds of the layers that a layout has in panes, and a case has not. */
-export function missingOf({ series }: SavedLayout, shown: ReadyCase, layers: readonly Layer[]): readonly string[] {
-  const missing = Object.values(series).filter((text) => lookOf(text, shown, layers) === null);
-  return [...new Set(missing)].map((text) => text.slice(LAYER.length).toUpperCase());
+export function missingOf({ series }: SavedLayout, layers: readonly Layer[]): readonly (Contrast | LayerKind)[] {
+  const parts = Object.values(series).flatMap((text) => text.split("|"));
+  const missing = parts.filter((part) => partOf(part, layers) === null).map((part) => part.split(":")[1]);
+  return FOUND_BY.filter((one) => missing.includes(one));
 }
 
-const isSeries = (text: string): boolean => {
-  const read = readOverlay(text);
-  return read
-    ? isMap(read.overlay.name)
-    : text === OWN || (text.startsWith(LAYER) && FOUND_BY.includes(text.slice(LAYER.length)));
-};
+const isSeries = (text: string): boolean =>
+  text.split("|").every((part) => {
+    const read = readOverlay(part);
+    if (read) return isMap(read.overlay.name);
+    return part === OWN || FOUND_BY.some((one) => part === LAYER + one || part === COLOURS + one);
+  });
 
 /** A value for each pane that has one. */
 const perSlot = <Value>(valueOf: (slot: Slot) => Value | null): Partial<Record<Slot, Value>> =>

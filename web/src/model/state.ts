@@ -48,6 +48,9 @@ export type Slot = keyof typeof SLOTS;
 export const SLOT_NAMES = Object.keys(SLOTS) as readonly Slot[];
 export const SLICE_SLOTS = ["slice-1", "slice-2", "slice-3"] as const satisfies readonly Slot[];
 
+/** So many layers and maps are shown at once, and kept here and on the device. */
+export const MOST_SHOWN = 8;
+
 export const hasSlices = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "slices" || layout === "both";
 
 /** How axial and coronal slices are shown: the patient's right at the picture's left, or at its right. */
@@ -187,11 +190,6 @@ const namesOf = ({ layer, overlay }: HalfLook): readonly string[] => [layer?.id 
 /** The layers of a picture with its halves, by name or id. */
 export const layersOf = (state: ViewState): readonly string[] => [state, leftOf(state)].flatMap(namesOf);
 
-/** The layers of all panes, each once. */
-export const allLayersOf = (state: ViewState): readonly string[] => [
-  ...new Set([...layersOf(state), ...Object.values(state.panes).flatMap(namesOf)]),
-];
-
 const seenIn = new WeakMap<ViewState, Map<Slot, ViewState>>();
 
 /** What a pane shows: the same object as long as the state is the same. */
@@ -212,6 +210,22 @@ export function slotsOf({ layout, across_deg, crosshair_mm }: ViewState): readon
   if (!hasSlices({ layout })) return ["surface"];
   return ["surface", ...SLICE_SLOTS, ...(across_deg !== null && crosshair_mm ? (["across"] as const) : [])];
 }
+
+/** What the panes of the layout show. */
+export function seenOf(state: ViewState): readonly ViewState[] {
+  const slots = slotsOf(state);
+  return slots.length > 0 ? slots.map((slot) => stateIn(state, slot)) : [state];
+}
+
+/** The panes to be named where they show different series; halves beside each other are named as such. */
+export function namedSlots(state: ViewState): readonly Slot[] {
+  const slots = slotsOf(state);
+  if (slots.length < 2 || !slots.some((slot) => state.panes[slot])) return [];
+  return slots.filter((slot) => slot !== "surface" || !state.beside);
+}
+
+/** The layers of all panes, each once. */
+export const allLayersOf = (state: ViewState): readonly string[] => [...new Set(seenOf(state).flatMap(layersOf))];
 
 /** Where a series goes that is meant for a pane: a pane alone shows what all show. */
 export function placeOf(state: ViewState, asked: Place | null): Place {

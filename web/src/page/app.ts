@@ -124,7 +124,7 @@ export class App {
       unfold("panel.layers", true);
       store.isAlone.value = false;
       store.task.value = "images";
-      store.layers.dropped.value = files;
+      store.layers.dropped.value = { files, isOnForm: Boolean(form) };
     }
   }
 

@@ -3,12 +3,12 @@
 import { viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { type LayerOverlay, styleOf } from "../model/maps.ts";
-import { type HalfLook, hasSlices, type ViewState } from "../model/state.ts";
+import { type HalfLook, hasSlices, namedSlots, seenOf, stateIn, type ViewState } from "../model/state.ts";
 import { getFile } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { intensity, number, spoken, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { depthWords, positionWords } from "../base/readout.ts";
+import { depthWords, paneWords, positionWords } from "../base/readout.ts";
 import { writer } from "../panes/map-bar.ts";
 import { overlayWords, titleWords } from "../panes/overlay.ts";
 import { type Placed, panesPainter } from "../panes/screenshot.ts";
@@ -35,12 +35,17 @@ export const fileStem = (shown: Pick<ReadyCase, "id">): string => `isocortex-${s
 /** What stands below every picture of a case: whose it is, how it is seen, what drew it and what it is not for. */
 export async function captionOf(shown: ReadyCase, state: ViewState): Promise<string[]> {
   const { beside, crosshair_mm } = state;
+  const words = halfWords(seenOf(state)[0] ?? state);
+  const named = namedSlots(state);
   const parts = [
     depthWords(state),
     t(`view.${viewName(state.orientation) ?? "oblique"}`),
     ...(beside
-      ? [`${t("caption.left")} ${halfWords(beside).join(", ")}`, `${t("caption.right")} ${halfWords(state).join(", ")}`]
-      : halfWords(state)),
+      ? [`${t("caption.left")} ${halfWords(beside).join(", ")}`, `${t("caption.right")} ${words.join(", ")}`]
+      : named.length > 0
+        ? []
+        : words),
+    ...named.map((slot) => `${paneWords(state, slot)}: ${halfWords(stateIn(state, slot)).join(", ")}`),
     ...(crosshair_mm ? [t("caption.point", { position: positionWords(crosshair_mm).replaceAll(" · ", " ") })] : []),
   ];
   return [caseIdentity(shown), parts.join(" · "), `${await programWords()} · ${t("notice.long")}`];

@@ -169,6 +169,8 @@ function AddLayer({ store }: OfStore) {
   const [chosen, setChosen] = useState<readonly File[]>([]);
   const form = useRef<HTMLFormElement>(null);
   const box = useRef<HTMLDetailsElement>(null);
+  const latest = useRef(chosen);
+  latest.current = chosen;
   const transfer = useTransfer();
   const { volumes: found, labels: named } = sortLayers(chosen);
   const chosenWords = chosen.length === 0 ? "" : t("layer.chosen", { count: found.length });
@@ -197,6 +199,8 @@ function AddLayer({ store }: OfStore) {
           void caseLayers.again().catch(() => {});
         }
       });
+      // Others may have been dropped meanwhile.
+      if (latest.current !== files) return;
       form.current?.reset();
       setChosen([]);
     } catch (problem) {
@@ -204,16 +208,18 @@ function AddLayer({ store }: OfStore) {
     }
   };
 
-  // What was dropped is sent at once, unless other files are on their way.
+  // What was dropped elsewhere is sent at once, unless other files are on their way.
   const dropped = layers.dropped.value;
   useLayoutEffect(() => {
-    if (dropped.length === 0 || !box.current || !form.current) return;
-    layers.dropped.value = [];
+    if (!dropped || !box.current || !form.current) return;
+    const { files, isOnForm } = dropped;
+    layers.dropped.value = null;
     box.current.open = true;
     box.current.scrollIntoView({ block: "nearest" });
+    setChosen(files);
+    if (isOnForm) return;
     form.current.reset();
-    setChosen(dropped);
-    if (!transfer.isBusy.peek()) void send(dropped, new FormData(form.current));
+    if (!transfer.isBusy.peek()) void send(files, new FormData(form.current));
   }, [dropped]);
 
   return (

@@ -106,8 +106,9 @@ async function add({ layers, caseLayers, shown, view }: Store, say: (words: stri
     const { created } = await sendLayer(shown.id, [file], wish, names.length > 0 ? new Blob(names) : null, quietly);
     await caseLayers.again();
     if (layers.shownId.peek() === id) {
-      if (view.seen.peek().layer) layers.grey(created.id);
-      else layers.colours(created.id);
+      const { layer, overlay } = view.seen.peek();
+      if (layer?.id === id) layers.grey(created.id);
+      else if (overlay?.name === id) layers.colours(created.id);
     }
     say(t("layer.sent", { name: created.name }));
   } catch (problem) {

@@ -1,9 +1,10 @@
 // What is shown, in words for those who do not see it: depth, direction, and a place with its depth and grey.
 
 import { viewName } from "../model/camera.ts";
+import { namedSlots, seenOf, stateIn } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
 import { number, t } from "../base/i18n.ts";
-import { positionWords, valueWords } from "../base/readout.ts";
+import { paneWords, positionWords, valueWords } from "../base/readout.ts";
 import { lookWords, overlayWords, titleWords } from "../panes/overlay.ts";
 import type { Store } from "../store/store.ts";
 
@@ -16,9 +17,13 @@ export function spokenWords(store: Store): string {
   const position = marked ?? seen?.position_in_patient;
   const view = t(`view.${viewName(state.orientation) ?? "oblique"}`);
   const { beside } = state;
-  const layers = beside
-    ? [t("beside.said", { left: lookWords(beside), right: lookWords(state) })]
-    : [state.layer ? titleWords(state.layer.about) : "", state.overlay ? overlayWords(state.overlay) : ""];
+  const { layer, overlay } = seenOf(state)[0] ?? state;
+  const named = namedSlots(state).map((slot) =>
+    t("strip.said", { name: lookWords(stateIn(state, slot)), pane: paneWords(state, slot) }),
+  );
+  if (beside) named.unshift(t("beside.said", { left: lookWords(beside), right: lookWords({ layer, overlay }) }));
+  const layers =
+    named.length > 0 ? named : [layer ? titleWords(layer.about) : "", overlay ? overlayWords(overlay) : ""];
   const surface = state.surface === "whole" ? "" : t(`surface.${state.surface}-said`);
   const depth = t("depth.said", { depth: number(state.depth_mm, 1) });
   const words = [depth, view, ...[surface, ...layers].filter(Boolean)];

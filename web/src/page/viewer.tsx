@@ -7,7 +7,7 @@ import type { ReadyCase } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
 import { type OfCase, readState, writeAddress } from "../model/fragment.ts";
 import type { Left } from "../model/memory.ts";
-import { type Place, type ViewState, hasSlices, placeOf } from "../model/state.ts";
+import { type Place, type ViewState, hasSlices, placeOf, slotsOf, stateIn } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { pacsOf, patientWords } from "../base/pacs.ts";
@@ -326,7 +326,12 @@ export class Viewer {
   get onScreen(): OnScreen {
     const { store } = this;
     // A layer that is being fetched is not on the screen; in a close-up the surface is not.
-    const state = this.#closer ? store.drawn.peek() : { ...store.view.now, ...this.#surface.layers };
+    const drawn = store.drawn.peek();
+    const { layers } = this.#surface;
+    // A surface with its own series does not say what the others show.
+    const each = Object.fromEntries(slotsOf(drawn).map((slot) => [slot, stateIn(drawn, slot)]));
+    const panes = drawn.panes.surface ? { ...each, surface: layers } : drawn.panes;
+    const state = this.#closer ? drawn : { ...store.view.now, panes, ...layers };
     return {
       shown: store.shown,
       state,

@@ -9,7 +9,15 @@ import { pictureSize } from "../model/query.ts";
 import { type Sampler, samplerOf } from "../model/sampler.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { clampDepth, FIRST_DEPTH_MM, layersOf, surfacesOf, type ViewState, type Way } from "../model/state.ts";
+import {
+  allLayersOf,
+  clampDepth,
+  FIRST_DEPTH_MM,
+  layersOf,
+  surfacesOf,
+  type ViewState,
+  type Way,
+} from "../model/state.ts";
 import { type PartName, type SurfaceName, fitted, isPart, mirroredSurface } from "../model/surfaces.ts";
 import { getCase, Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
@@ -63,8 +71,9 @@ export class Cortex implements Surface {
   #way: Exclude<Way, "auto">;
   /** Whether what the first picture needs did not come. */
   #gaveUp = false;
-  /** The layers that are being fetched, or could not be fetched. */
+  /** The layers that are being fetched, and those that could not be fetched. */
   readonly #asked = new Set<string>();
+  readonly #failed = new Set<string>();
   /** Whether slices are shown, which need the whole volume, and whether it was asked for. */
   #hasSlices = false;
   #wholeAsked = false;
@@ -121,7 +130,7 @@ export class Cortex implements Surface {
   /** Draws with the next frame; `moving` allows a coarser picture from the server. */
   draw(state: ViewState, moving: boolean): void {
     // What failed is tried again when another layer has been chosen.
-    if (layersOf(state).join() !== (this.#state && layersOf(this.#state).join())) this.#asked.clear();
+    if (allLayersOf(state).join() !== (this.#state && allLayersOf(this.#state).join())) this.#failed.clear();
     this.#pace.stir(moving, state !== this.#state);
     this.#state = state;
     this.#moving = moving;
@@ -410,7 +419,7 @@ export class Cortex implements Surface {
     this.#canvas.dataset.frames = String(this.#pace.frames);
     this.#canvas.dataset.complete = String(this.#isComplete);
     this.#canvas.dataset.quality = isLast && isWhole ? "full" : "less";
-    if (this.#asked.size === 0) this.#say("");
+    if (this.#asked.size + this.#failed.size === 0) this.#say("");
     this.#surface = drawn.surface;
     this.#options.onDrawn(drawn);
     this.#tell();
@@ -467,7 +476,7 @@ export class Cortex implements Surface {
   /** Fetches the voxels of layers, each once, and draws with them. */
   #bringLayers(state: ViewState): void {
     for (const name of layersOf(state)) {
-      if (this.#asked.has(name) || this.#device?.painter?.hasLayer(name)) continue;
+      if (this.#asked.has(name) || this.#failed.has(name) || this.#device?.painter?.hasLayer(name)) continue;
       this.#asked.add(name);
       void this.#bringLayer(name);
     }
@@ -476,6 +485,7 @@ export class Cortex implements Surface {
   /** Drops the voxels of a layer, which are fetched again if it is shown. */
   forgetLayer(name: string): void {
     this.#asked.delete(name);
+    this.#failed.delete(name);
     this.#device?.painter?.dropLayer(name);
   }
 
@@ -485,7 +495,12 @@ export class Cortex implements Surface {
       if (!this.#asked.has(name)) return;
       await this.#bring((painter) => painter.setLayer(name, layer), this.#gone.signal);
       this.#asked.delete(name);
+      // Slices that wait for it are told.
+      this.#told = "";
+      this.#tell();
     } catch (error) {
+      this.#asked.delete(name);
+      this.#failed.add(name);
       this.#fail(error);
     }
   }

@@ -144,7 +144,7 @@ export const thresholdWords = (overlay: LayerOverlay): string =>
   overlayWords(overlay) + (overlay.threshold === null ? "" : ` > ${intensity(overlay.threshold)}`);
 
 /** The names of a half's layers, or that it shows the case itself. */
-export const lookWords = ({ layer, overlay }: HalfLook): string =>
+export const lookWords = ({ layer, overlay }: Pick<HalfLook, "layer" | "overlay">): string =>
   [layer ? layer.about?.title : t("beside.own"), overlay && (overlay.about?.title ?? overlayWords(overlay))]
     .filter(Boolean)
     .join(" + ");

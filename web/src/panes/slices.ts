@@ -77,16 +77,18 @@ export class SlicePane extends PlanePane {
   constructor(plane: Plane, store: Store, byHand: PlacedByHand, { pane, number = "", role = null }: SliceOptions) {
     const words = t(`plane.${plane}`);
     const [min, max] = reachOf(store.shown, PLANES[plane].axis);
-    const play = iconButton("play", t("cine.play", { plane: words }), () => perform(store, { kind: "cine", plane }));
+    const play = iconButton("play", t("cine.play", { plane: words + number }), () =>
+      perform(store, { kind: "cine", plane }),
+    );
     play.dataset.cine = plane;
     super(store, byHand, {
       name: role ? `${plane}-${role.name}` : `${plane}${number}`,
       classes: role ? `${plane} ${role.name}` : plane,
       label: `${t("slice.label", { plane: words })}${number}`,
-      plane: words,
+      plane: words + number,
       pane,
       zoom: role?.zoom ?? CENTRED.zoom,
-      range: { min, max, step: 0.5, "aria-label": t("slice.position", { plane: words }) },
+      range: { min, max, step: 0.5, "aria-label": t("slice.position", { plane: words + number }) },
       buttons: role ? [] : [play],
     });
     this.element.dataset.plane = plane;

@@ -7,6 +7,7 @@ import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import { layerSampler } from "../model/sampler.ts";
+import { MOST_SHOWN } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
 
@@ -14,8 +15,6 @@ import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
 const WAIT_MS = 1000;
 /** As many as are asked for. */
 const CANDIDATES = 20;
-/** The voxels of so many layers are kept. */
-const MOST_KEPT = 4;
 
 export class CaseLayers {
   /** Null until the layers have been listed. */
@@ -63,7 +62,7 @@ export class CaseLayers {
     const voxels = this.#voxels.get(name) ?? this.#fetch(name);
     this.#voxels.delete(name);
     this.#voxels.set(name, voxels);
-    for (const old of [...this.#voxels.keys()].slice(0, -MOST_KEPT)) this.forget(old);
+    for (const old of [...this.#voxels.keys()].slice(0, -MOST_SHOWN)) this.forget(old);
     voxels.then(
       (block) => {
         if (!this.#voxels.has(name) || this.#samplers.has(name)) return;

@@ -170,7 +170,7 @@ export class Findings {
   // -- What a reader does
 
   add(): void {
-    const { crosshair_mm, overlay } = this.#view.now;
+    const { crosshair_mm, overlay } = this.#view.seen.peek();
     if (!crosshair_mm) return note(t("findings.no-point"));
     const from_map = overlay && isMap(overlay.name) ? { from_map: overlay.name } : {};
     this.take({ points_in_patient: [crosshair_mm], depth_mm: this.#depthOf(crosshair_mm), ...from_map });

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 
 import { keep, keptText } from "../base/kept.ts";
-import { number, t } from "../base/i18n.ts";
+import { type Key, number, t } from "../base/i18n.ts";
 import {
   MOST_LAYOUTS,
   type SavedLayout,
@@ -43,9 +43,11 @@ export function recallLayout(store: Store, at: number): void {
   if (saved.layout === "closer" && !now.crosshair_mm) return announce(t("closer.unmarked"));
   const layers = layersOf(store);
   store.large.value = null;
-  store.change(recalled(saved, now, store.shown, layers), true);
+  if (!store.change(recalled(saved, now, store.shown, layers), true)) return;
   announce(t("layouts.shown", { name: saved.name }));
-  const names = missingOf(saved, store.shown, layers);
+  const names = missingOf(saved, layers).map((one) =>
+    one === "pet" || one === "ct" ? t(`layer.kind.${one}`) : t(`layer.contrast.${one}` as Key),
+  );
   if (names.length > 0) note(t("strip.missing", { names: names.join(", ") }));
 }
 

@@ -30,6 +30,7 @@ import {
   isMirrored,
   lookAt,
   placeOf,
+  seenOf,
   withLook,
 } from "../model/state.ts";
 import type { Affine, Vec3 } from "../model/space.ts";
@@ -37,8 +38,6 @@ import { note } from "./announce.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { View } from "./view.ts";
 
-/** So many layers can be drawn with at once. */
-const MOST_SHOWN = 8;
 /** Twice a second there, twice away. */
 const BLINK_MS = 250;
 
@@ -54,8 +53,8 @@ export class ShownLayers {
   readonly moved = signal<Affine | null>(null);
   /** Counts how often a key asked to move the layer by hand. */
   readonly nudges = signal(0);
-  /** Files that were dropped on the case, to be added to it. */
-  readonly dropped = signal<readonly File[]>([]);
+  /** Files that were dropped on the case, or on the form where they are described, to be added to it. */
+  readonly dropped = signal<{ readonly files: readonly File[]; readonly isOnForm: boolean } | null>(null);
   /** What became of a layer. */
   readonly said = signal("");
   readonly #view: View;
@@ -75,7 +74,10 @@ export class ShownLayers {
     this.#complain = complain;
     this.drawn = computed(() => this.#drawnOf(view.state.value));
     this.shownId = computed(() => {
-      const ids = [view.state.value, view.seen.value].map(
+      const before = this.#movedId;
+      // What was moved stays so in whichever pane the hand is.
+      if (this.moved.value && before && allLayersOf(view.state.value).includes(before)) return before;
+      const ids = [view.seen.value, view.state.value].map(
         ({ layer, overlay }) => layer?.id ?? (overlay && isLayerId(overlay.name) ? overlay.name : null),
       );
       return ids.find((id) => id !== null) ?? null;
@@ -150,8 +152,7 @@ export class ShownLayers {
     const name = this.series.find((one) => one.id === id)?.name;
     if (!look || name === undefined) return note(t("layers.none-ready"));
     const change = withLook(now, place, look);
-    if (allLayersOf({ ...now, ...change }).length > MOST_SHOWN) return note(t("strip.too-many"));
-    this.#view.change({ ...change, ...(place !== "left" && { swipe: null }) }, true);
+    if (!this.#view.change({ ...change, ...(place !== "left" && { swipe: null }) }, true)) return;
     note(t("strip.said", { name, pane: paneWords(now, place) }));
   }
 
@@ -184,8 +185,7 @@ export class ShownLayers {
   /** The values at a position of the layers that are shown, as far as their voxels are here. */
   valuesAt(position: Vec3): readonly NamedValue[] {
     const isHere = this.#layers.here.value;
-    const looks: readonly HalfLook[] = [this.drawn.value, ...Object.values(this.drawn.value.panes)];
-    const shown = looks.flatMap(({ layer, overlay }) => [
+    const shown = seenOf(this.drawn.value).flatMap(({ layer, overlay }) => [
       ...(layer ? [{ id: layer.id, name: layer.about?.title ?? "", moved: layer.moved }] : []),
       ...(overlay ? [{ id: overlay.name, name: overlayName(overlay), moved: overlay.moved }] : []),
     ]);
@@ -211,19 +211,22 @@ export class ShownLayers {
       case "edges": {
         const layout = isMirrored(now) ? "both" : "slices";
         const needsSlices = !now.has_edges && !hasSlices(now) && !isCloser;
-        return this.#view.change({ has_edges: !now.has_edges, ...(needsSlices && { layout }) }, true);
+        return void this.#view.change({ has_edges: !now.has_edges, ...(needsSlices && { layout }) }, true);
       }
       case "beside": {
         if (isCloser) return;
         // A mirrored half gives way, and comes back.
-        if (now.beside) return this.#view.change({ beside: null, layout: this.#beforeBeside ?? now.layout }, true);
+        if (now.beside) return void this.#view.change({ beside: null, layout: this.#beforeBeside ?? now.layout }, true);
         const layout = hasSlices(now) ? "slices" : "single";
         this.#beforeBeside = now.layout;
-        return this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
+        return void this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
       }
       case "swap":
-        // What is chosen is of the right half.
-        if (now.beside && !isCloser) this.#view.change({ ...now.beside, beside: halfOf(now) }, true);
+        // What is chosen is of the right half, which the surface may have of its own.
+        if (now.beside && !isCloser) {
+          const right = now.panes.surface ? "surface" : "all";
+          this.#view.change({ ...withLook(now, right, now.beside), beside: lookAt(now, right) }, true);
+        }
         return;
     }
   }

@@ -176,9 +176,9 @@ export class Store {
   }
 
   /** A change by a control; `step` is one that Back undoes. */
-  change(change: Change, step = false): void {
+  change(change: Change, step = false): boolean {
     this.sweep.stop();
-    this.view.change(change, step);
+    return this.view.change(change, step);
   }
 
   /** A change by a control of what is seen in the pane that a hand was in last. */

@@ -4,11 +4,23 @@ import { type ReadonlySignal, type Signal, batch, computed, signal } from "@prea
 
 import type { ReadyCase, Window } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
+import { t } from "../base/i18n.ts";
 import { writeAddress } from "../model/fragment.ts";
 import type { Plane } from "../model/space.ts";
 import type { Left } from "../model/memory.ts";
 import type { StateHistory } from "../model/history.ts";
-import { type HalfLook, type Place, type ViewState, clampDepth, lookAt, placeOf, withLook } from "../model/state.ts";
+import {
+  type HalfLook,
+  MOST_SHOWN,
+  type Place,
+  type ViewState,
+  allLayersOf,
+  clampDepth,
+  lookAt,
+  placeOf,
+  withLook,
+} from "../model/state.ts";
+import { note } from "./announce.ts";
 
 export class View {
   readonly shown: ReadyCase;
@@ -52,8 +64,13 @@ export class View {
     return { state: this.now, history: this.#history };
   }
 
-  /** A change; `step` is one that Back undoes. */
-  change(change: Change, step = false): void {
+  /** A change; `step` is one that Back undoes. False, and said, if it would show too many layers. */
+  change(change: Change, step = false): boolean {
+    const state = { ...this.now, ...change };
+    if (hasTooMany(state)) {
+      note(t("strip.too-many"));
+      return false;
+    }
     batch(() => {
       if (step) {
         this.#record(this.now);
@@ -61,11 +78,12 @@ export class View {
         history.pushState(null, "", location.hash);
       }
       this.#changed_ms = performance.now();
-      this.state.value = this.#paired({ ...this.now, ...change });
+      this.state.value = this.#paired(state);
       if (!step) return;
       this.#record(this.now);
       this.#replaceAddress();
     });
+    return true;
   }
 
   /** Changes what is seen in a pane, or in the one that a hand was in last: its own look, or that of all. */
@@ -111,6 +129,8 @@ export class View {
 
   /** A close-up with layers has the case itself beside them, each with its own window. */
   #paired(state: ViewState): ViewState {
+    // An address may name more.
+    if (hasTooMany(state)) return this.#paired({ ...state, panes: {} });
     if (state.layout !== "closer") return state;
     const hasLayers = state.layer !== null || state.overlay !== null;
     if (hasLayers === (state.beside !== null) && !state.swipe) return state;
@@ -131,6 +151,8 @@ export class View {
     this.canRedo.value = this.#history.canRedo;
   }
 }
+
+const hasTooMany = (state: ViewState): boolean => allLayersOf(state).length > MOST_SHOWN;
 
 /** What is chosen is of the right half. */
 const ofControls = (pane: Place | null): Place | null => (pane === "left" ? null : pane);
