@@ -35,11 +35,11 @@ impl Contents<'_> {
         page.into_string()
     }
 
-    /// The words of all sections, without pictures and lines to sign.
+    /// The words of all sections, without pictures.
     pub(crate) fn text(&self) -> String {
         let text = html! {
             article lang=(self.language) {
-                @for section in &self.sections { @for block in &section.blocks { (words_of(block)) } }
+                @for section in &self.sections { @for block in &section.blocks { (words_of(block, self.unsigned)) } }
             }
         };
         text.into_string()
@@ -110,11 +110,18 @@ fn block(block: &Block<'_>) -> Markup {
     }
 }
 
-/// A block without its pictures; nothing is signed on a screen.
-fn words_of(each: &Block<'_>) -> Markup {
+/// A block without its pictures. Nothing is signed by hand on a screen: a signature that is not there yet is said to be missing.
+fn words_of(each: &Block<'_>, unsigned: &'static str) -> Markup {
     match each {
-        Block::KeyPicture(_) | Block::Pictures(..) | Block::Overview(_) | Block::Sign(_) => {
-            Markup::default()
+        Block::KeyPicture(_) | Block::Pictures(..) | Block::Overview(_) => Markup::default(),
+        Block::Sign(fields) => {
+            let (mut there, empty): (Facts, Facts) =
+                (fields.iter().cloned()).partition(|(_, value)| !value.plain().is_empty());
+            // The signature is the last field.
+            if let (Some((name, _)), true) = (empty.last(), !there.is_empty()) {
+                there.push((*name, unsigned.into()));
+            }
+            html! { @if !there.is_empty() { (facts(&there)) } }
         }
         Block::PicturesAndFacts(_, _, about, numbers) => html! {
             @if !about.is_empty() { (facts(about)) }

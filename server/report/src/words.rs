@@ -115,6 +115,7 @@ pub(crate) struct Words {
     pub(crate) signature: &'static str,
     /// With the places of a reader, a day and a time.
     pub(crate) signed: &'static str,
+    pub(crate) unsigned: &'static str,
     pub(crate) here: &'static str,
     pub(crate) other_side: &'static str,
     pub(crate) intensity: &'static str,
@@ -347,6 +348,7 @@ const ENGLISH: Words = Words {
     day: "Day",
     signature: "Signature",
     signed: "Signed by {reader} on {day} at {time} UTC",
+    unsigned: "not signed",
     here: "Here",
     other_side: "Other side",
     intensity: "Intensity",
@@ -436,6 +438,7 @@ const PORTUGUESE: Words = Words {
     day: "Data",
     signature: "Assinatura",
     signed: "Assinado por {reader} em {day} às {time} UTC",
+    unsigned: "sem assinatura",
     here: "Aqui",
     other_side: "Outro lado",
     intensity: "Intensidade",

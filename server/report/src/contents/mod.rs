@@ -36,6 +36,8 @@ pub(crate) struct Contents<'a> {
     pub(crate) doubt: Option<String>,
     /// What a character without a glyph is written as, in words.
     pub(crate) unprintable: &'static str,
+    /// What stands on a screen for a signature that is missing.
+    pub(crate) unsigned: &'static str,
     /// Each begins a page.
     pub(crate) sections: Vec<Section<'a>>,
 }
@@ -201,6 +203,7 @@ impl Report {
             identity: words.identity(&self.case),
             doubt: self.doubt(words),
             unprintable: words.unprintable,
+            unsigned: words.unsigned,
             sections,
         }
     }
@@ -583,8 +586,13 @@ mod tests {
             }
             assert_eq!(open.matches(r#"class="large"#).count(), 2);
             assert!(open.contains("ana &lt;b&gt;") && !open.contains("2026-11-28"));
+            let unsigned = format!("<td>{}</td>", language.words().unsigned);
+            let text = report.contents().text();
+            assert!(text.contains("ana &lt;b&gt;") && text.contains(&unsigned));
             report.reading.as_mut().unwrap().signed_at = Some("2026-11-28T10:20:30Z".to_owned());
             assert!(first(&report).contains(signed), "{}", first(&report));
+            let text = report.contents().text();
+            assert!(text.contains(signed) && !text.contains(&unsigned));
         }
     }
 

@@ -605,6 +605,7 @@ mod tests {
             identity: "A head · 0123abcd".to_owned(),
             doubt: Some("Brain mask: CHECK IT".to_owned()),
             unprintable: "by its number",
+            unsigned: "not signed",
             sections: vec![Section {
                 kind: SectionKind::Front,
                 blocks,
