@@ -179,6 +179,10 @@ impl Cases {
             WrittenReading::Changed => {
                 Err(NotReplaced::Changed(self.own_reading(id, reader).await?))
             }
+            WrittenReading::Closed => {
+                self.check_open(id).await?;
+                Err(NotReplaced::Changed(self.own_reading(id, reader).await?))
+            }
             WrittenReading::NoSuchCase => Err(Error::NoSuchCase.into()),
         }
     }

@@ -29,6 +29,8 @@ pub enum WrittenReading {
     Done(StoredReading),
     /// The same reader has changed it meanwhile; nothing has changed.
     Changed,
+    /// The case is closed, so nobody signs; nothing has changed.
+    Closed,
     /// There is no such case.
     NoSuchCase,
 }

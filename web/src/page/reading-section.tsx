@@ -33,7 +33,7 @@ export function ReadingSection({ store }: OfStore) {
   return (
     <Section title="panel.reading" name="reading" data-task="read" onOpen={() => void reading.load()}>
       {mayRead && <Own store={store} />}
-      {mayWrite.value && !isNamed.value && <Quiet>{t("reading.unnamed")}</Quiet>}
+      {mayWrite.value && !isNamed.value && <Quiet>{t("problem.reader-unnamed")}</Quiet>}
       <Others store={store} />
     </Section>
   );

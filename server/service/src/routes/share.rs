@@ -56,7 +56,7 @@ const MARK: &str = "<!--contents-->";
         (status = 200, description = "The file", content((String = "text/html"))),
         (status = 404, description = "There is no such case, or no such reading (`no-such-reading`)"),
         (status = 406, description = "HTML is not accepted"),
-        (status = 409, description = "The case or its maps are not ready, or not even coarse intensities fit: `too-large-to-share`"),
+        (status = 409, description = "The case or its maps are not ready, or not even coarse intensities fit (`too-large-to-share`), or the reading is of somebody else and whoever asks has not signed their own (`reading-hidden`)"),
         (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]

@@ -192,7 +192,13 @@ async fn a_report_of_a_reading_is_shown_to_whoever_is_shown_the_reading() {
     for who in [BEN, VIEWER, NOBODY] {
         let hidden = get(&server, who, &of_ana).await;
         assert_eq!(hidden.refusal(), (409, "reading-hidden".to_owned()));
+        let file = get(&server, who, &format!("{case}/share?reading=ana")).await;
+        assert_eq!(file.refusal(), (409, "reading-hidden".to_owned()));
     }
+    let file = get(&server, ANA, &format!("{case}/share?reading=ana")).await;
+    assert_eq!(file.status, 200);
+    let file = String::from_utf8_lossy(&file.body).into_owned();
+    assert!(file.contains("Signed by <bdi>ana</bdi> on "));
     // The report of the case knows nothing of it.
     let after = get(&server, BEN, &report).await;
     assert_eq!((after.status, after.body), (200, before.body));

@@ -1,7 +1,7 @@
 //! The readings of cases.
 
 use super::connection::{Connection, Row, read_time, unreadable};
-use super::owners;
+use super::{cases, owners};
 use crate::args;
 use crate::readings::{ReadingState, StoredReading, WrittenReading};
 use crate::rows::Relabel;
@@ -114,6 +114,10 @@ impl Store {
             return Ok(WrittenReading::Changed);
         }
         let written = next(now)?;
+        let is_signed = written.state.signed_at.is_some();
+        if is_signed && cases::closed(&mut transaction, id).await?.is_some() {
+            return Ok(WrittenReading::Closed);
+        }
         put(&mut transaction, id, &written).await?;
         transaction.commit().await?;
         self.signals().changed(id);
