@@ -100,6 +100,12 @@ deployment() {
     say "the tests of the files for Docker and Kubernetes need kubernetes-validate, which is missing; without it these tests are skipped."
 }
 
+# Reads the words of the reports that are printed.
+pdf_reader() {
+  have pdftotext || install_packages poppler-utils ||
+    say "a test reads a report as PDF with pdftotext of the Debian package poppler-utils, which is missing; it is skipped (on CI it fails)."
+}
+
 # What lints and tests the Python package.
 python_package() {
   scripts/python.sh >/dev/null ||
@@ -119,7 +125,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; python_package; network ;;
-  all) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; monitoring; deployment; python_package; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; dicom_tools; pdf_reader; orthanc; monitoring; deployment; python_package; network ;;
+  all) compiler; browser; graphics; database; object_store; dicom_tools; pdf_reader; orthanc; monitoring; deployment; python_package; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

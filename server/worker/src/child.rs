@@ -58,7 +58,10 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
         Order::Marks(order) => answer(&read_header(&order, |file, _, _| dicom::marks(file))?),
         Order::Stored(order) => read_stored(&order),
         Order::Prepare(order) => crate::prepare::prepare(&order, instead),
-        Order::Surfaces(order) => crate::surface::draw(&order),
+        Order::Surfaces(order) => {
+            limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
+            crate::surface::draw(&order)
+        }
         Order::Confine => {
             limit_this_process(1 << 30, 0, 1)?;
             answer(&confine(&Needs::default()))
@@ -223,7 +226,7 @@ fn attributes(order: &StoredOrder) -> Result<Vec<Attributes>, DicomError> {
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits.
-pub(crate) fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
+fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
     let file_bytes = BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels));
     let limits = [
         (Resource::As, memory),

@@ -10,7 +10,6 @@ use imaging::surface::{Drawing, Drawn, SurfaceError, SurfaceFiles};
 use storage::Spooled;
 use tempfile::TempDir;
 
-use crate::child::limit_this_process;
 use crate::confine::{Needs, confine};
 use crate::error::Error;
 use crate::headers::MAX_FILE_BYTES;
@@ -108,12 +107,11 @@ fn beyond_limits() -> Failure {
     )
 }
 
-/// In the process: reads the files of an order and writes the volume.
+/// In the process, which has its limits: reads the files of an order and writes the volume.
 ///
 /// # Errors
 /// If the files cannot be opened or written.
 pub(crate) fn draw(order: &SurfaceOrder) -> io::Result<()> {
-    limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
     let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
     let mut volume_file = File::create_new(order.output.join(VOLUME))?;
     let open = |path: &PathBuf| {

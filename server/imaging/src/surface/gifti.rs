@@ -383,11 +383,11 @@ fn decoded(head: &Head, text: &[u8], total: &mut u64, part: Part) -> Result<Numb
     };
     let size = match &*head.kind {
         "NIFTI_TYPE_UINT8" => 1,
-        "NIFTI_TYPE_INT32" | "NIFTI_TYPE_FLOAT32" => 4,
+        // Triangles of some programs are UINT32; no vertex has a number that differs.
+        "NIFTI_TYPE_INT32" | "NIFTI_TYPE_UINT32" | "NIFTI_TYPE_FLOAT32" => 4,
         _ => {
-            return Err(
-                part.unsupported("an array that is not of the type UINT8, INT32 or FLOAT32")
-            );
+            return Err(part
+                .unsupported("an array that is not of the type UINT8, INT32, UINT32 or FLOAT32"));
         }
     };
     let is_real = head.kind == "NIFTI_TYPE_FLOAT32";

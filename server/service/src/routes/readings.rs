@@ -230,6 +230,7 @@ pub async fn get_own_reading(
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
+    cases.case(&id).await?;
     let reading = cases.own_reading(&id, named(&holder)?).await?;
     as_json(reading)?.respond(&request)
 }
@@ -263,8 +264,9 @@ pub async fn put_own_reading(
     request: HeaderMap,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    let reader = named(&holder)?;
     cases.ready(&id).await?;
+    cases.case(&id).await?;
+    let reader = named(&holder)?;
     let known = known_tags(&request).ok_or_else(precondition_required)?;
     let reading: Reading = json_body_within(MAX_BYTES, body)?;
     answer(cases.keep_reading(&id, reader, &known, reading).await)
@@ -296,6 +298,7 @@ pub async fn sign_own_reading(
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
+    cases.case(&id).await?;
     let reader = named(&holder)?;
     let known = known_tags(&request).ok_or_else(precondition_required)?;
     answer(cases.sign_reading(&id, reader, &known).await)

@@ -68,7 +68,12 @@ impl VolumeGeometry {
 
     /// The footer that states where `tkregister` coordinates are.
     fn footer(&self) -> Vec<u8> {
-        let numbers = |numbers: [f64; 3]| numbers.map(|number| format!("{number:.15e}")).join(" ");
+        // The sum of -0 and 0 is 0.
+        let numbers = |numbers: [f64; 3]| {
+            numbers
+                .map(|number| format!("{:.15e}", number + 0.0))
+                .join(" ")
+        };
         let [x, y, z] = [0, 1, 2].map(|axis| numbers(self.directions.col(axis).to_array()));
         let text = format!(
             "valid = 1  # volume info valid\nfilename = T1\nvolume = {}\nvoxelsize = {}\nxras   = {x}\nyras   = {y}\nzras   = {z}\n\
