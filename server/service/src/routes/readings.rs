@@ -265,7 +265,6 @@ pub async fn put_own_reading(
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     cases.ready(&id).await?;
-    cases.case(&id).await?;
     let reader = named(&holder)?;
     let known = known_tags(&request).ok_or_else(precondition_required)?;
     let reading: Reading = json_body_within(MAX_BYTES, body)?;

@@ -387,7 +387,7 @@ mod tests {
         }
     }
 
-    /// A case whose whole acquisition has so many voxels along each side, and the brain so many.
+    /// A case with so many voxels along each side of its acquisition and of its brain.
     fn shared(whole: usize, brain: usize) -> Shared {
         let form = |bits, extent| VolumeForm { bits, extent };
         let of = |bits, side: usize| match bits {
