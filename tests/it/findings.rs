@@ -336,9 +336,9 @@ async fn findings_are_taken_over_into_an_open_case_and_are_unconfirmed_there() {
     let csv = [("accept", "text/csv")];
     let csv = server.get_with(&format!("{new}/findings"), &csv).await;
     let csv = String::from_utf8_lossy(&csv.body).into_owned();
-    assert!(csv.starts_with("finding,") && csv.contains("gyrus,unconfirmed\r\n"));
+    assert!(csv.starts_with("finding,") && csv.contains("gyrus,unconfirmed,mni152,"));
     // A row for each point.
-    assert_eq!(csv.matches(",true\r\n").count(), 15, "{csv}");
+    assert_eq!(csv.matches(",true,,,\r\n").count(), 15, "{csv}");
 
     // A client that confirms a finding sends it without the mark. What is here is not added again.
     let confirmed = taken["findings"][0].as_object_mut().unwrap();

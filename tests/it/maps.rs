@@ -12,6 +12,7 @@ use glam::DVec3;
 use isocortex::config::Config;
 use serde_json::{Value, json};
 
+use crate::findings;
 use crate::interface::gifti_arrays;
 use crate::server::{Answer, Server};
 use crate::until::until;
@@ -656,11 +657,46 @@ async fn candidates_descend_and_come_as_csv_as_well() {
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split_terminator("\r\n").collect();
     assert_eq!(rows.len(), 6);
-    assert!(rows[0].ends_with(",region,unusual,gyrus,caveat"), "{text}");
+    assert!(
+        rows[0].ends_with(",region,unusual,gyrus,caveat,mni152,talairach,ac_pc"),
+        "{text}"
+    );
     assert!(
         rows[1].starts_with("1,") && rows[1].contains(",left,"),
         "{text}"
     );
+}
+
+#[tokio::test]
+async fn places_are_stated_in_the_axes_of_the_commissures_once_a_reader_has_set_them() {
+    let (server, case) = ready().await;
+    let address = format!("{case}/candidates?limit=1");
+    let before = server.get(&address).await;
+    assert!(before.json()["candidates"][0]["standard"].is_null());
+    let centre = server.get(&case).await.json()["envelope_sphere"]["center_in_patient"].clone();
+    let [x, y, z] = [0, 1, 2].map(|axis| centre[axis].as_f64().unwrap());
+    let commissures = json!({
+        "id": "axes", "kind": "acpc", "points_in_patient": [[x, y - 13.0, z], [x, y + 13.0, z]], "depth_mm": 40,
+    });
+    let body = json!({ "findings": [commissures] })
+        .to_string()
+        .into_bytes();
+    let set = findings::put(&server, &case, "application/json", body).await;
+    assert_eq!(set.status, StatusCode::OK, "{set:?}");
+
+    let after = server.get(&address).await;
+    assert_ne!(after.header("etag"), before.header("etag"));
+    let place = &after.json()["candidates"][0];
+    let at = &place["position_in_patient"];
+    let [left, back, up] = [0, 1, 2].map(|axis| at[axis].as_f64().unwrap());
+    let stated = &place["standard"]["ac_pc"];
+    let expected = [x - left, y - back, up - z];
+    for (axis, mm) in expected.into_iter().enumerate() {
+        let off = (stated[axis].as_f64().unwrap() - mm).abs();
+        // The plane between the hemispheres of the phantom is nearly upright.
+        assert!(off < 1.5, "{stated} {expected:?}");
+    }
+    assert!(place["standard"]["mni152"].is_null(), "there is no atlas");
 }
 
 #[tokio::test]

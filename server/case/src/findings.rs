@@ -3,11 +3,12 @@
 //! They lie in the patient, not on a mesh: a finding is at the same place whatever is shown of the case.
 
 use std::collections::HashSet;
+use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 
-use crate::{Gyrus, MapName, PatientSide, is_control};
+use crate::{Gyrus, MapName, PatientSide, StandardPosition, is_control};
 
 /// The most findings of a case.
 pub const MAX_FINDINGS: usize = 1_000;
@@ -37,7 +38,13 @@ pub enum FindingKind {
     Polygon,
     /// Two points: where something enters the head, and where it ends.
     Trajectory,
+    /// Two points: the anterior commissure, then the posterior one. They are no finding about the patient, but the axes in which others are
+    /// stated; see [`AcPc`](crate::AcPc).
+    Acpc,
 }
+
+/// How far the commissures lie apart, in mm. Those of adults are 20 to 32 mm apart.
+const COMMISSURES_APART_MM: RangeInclusive<f64> = 10.0..=45.0;
 
 impl FindingKind {
     /// The name in JSON and CSV.
@@ -56,6 +63,9 @@ impl FindingKind {
             Self::Trajectory if points != 2 => {
                 Some("must have two points, because it is a trajectory: its entry and its target")
             }
+            Self::Acpc if points != 2 => Some(
+                "must have two points, because it is the anterior and the posterior commissure",
+            ),
             _ => None,
         }
     }
@@ -132,6 +142,10 @@ pub struct Finding {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
     pub gyrus: Option<Gyrus>,
+    /// About where the middle of its points is in other heads. Set by the server, which ignores what a client sends; absent where
+    /// nothing is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub standard: Option<StandardPosition>,
     /// When it was first stored (RFC 3339). Set by the server, which ignores what a client sends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub created_at: Option<String>,
@@ -161,11 +175,17 @@ impl Finding {
         [0, 1, 2].map(|axis| sum(axis) / count)
     }
 
+    /// Whether it says something about the patient that a reader has not dismissed. The commissures do not.
+    pub fn is_kept(&self) -> bool {
+        !self.is_dismissed && self.kind != FindingKind::Acpc
+    }
+
     /// Whether a reader wrote the same in both: everything but what the server sets.
     pub fn says_the_same_as(&self, other: &Self) -> bool {
         let of_reader = |finding: &Self| Self {
             side: None,
             gyrus: None,
+            standard: None,
             created_at: None,
             changed_at: None,
             ..finding.clone()
@@ -190,6 +210,14 @@ impl Finding {
         if let Some(index) = outside {
             let member = format!("points_in_patient[{index}]");
             return wrong(&member, "must lie in the volume of the case (LPS, mm)");
+        }
+        if let (FindingKind::Acpc, [anterior, posterior]) = (self.kind, &*self.points_in_patient) {
+            let apart = [0, 1, 2].map(|axis| anterior[axis] - posterior[axis]);
+            let apart_mm = apart.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
+            if !COMMISSURES_APART_MM.contains(&apart_mm) || apart[1] >= 0.0 {
+                let detail = "must be the anterior commissure, then the posterior one, which lie 10 to 45 mm apart";
+                return wrong("points_in_patient", detail);
+            }
         }
         if !(0.0..=MAX_DEPTH_MM).contains(&self.depth_mm) {
             return wrong("depth_mm", "must be 0 to 200");
@@ -250,6 +278,7 @@ pub fn check(
         return refused("findings".to_owned(), detail);
     }
     let mut ids = HashSet::new();
+    let mut has_commissures = false;
     for (index, finding) in findings.iter().enumerate() {
         if let Some((member, detail)) = finding.refusal(is_in_volume) {
             return refused(format!("findings[{index}].{member}"), &detail);
@@ -259,6 +288,16 @@ pub fn check(
                 format!("findings[{index}].id"),
                 "is the id of another finding",
             );
+        }
+        if finding.kind == FindingKind::Acpc && !finding.is_dismissed && !finding.is_unconfirmed {
+            if has_commissures {
+                let path = format!("findings[{index}].kind");
+                return refused(
+                    path,
+                    "must not be `acpc` twice: a head has one anterior and one posterior commissure",
+                );
+            }
+            has_commissures = true;
         }
     }
     Ok(())
@@ -284,6 +323,7 @@ mod tests {
             author: None,
             side: None,
             gyrus: None,
+            standard: None,
             created_at: None,
             changed_at: None,
         }

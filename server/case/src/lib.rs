@@ -19,6 +19,7 @@ pub mod readings;
 mod registration;
 pub mod series;
 mod side;
+mod standard;
 mod surface;
 
 pub use client::Client;
@@ -48,6 +49,7 @@ pub use quality::{
 };
 pub use registration::{CaseRegistration, RegistrationVerdict};
 pub use side::PatientSide;
+pub use standard::{ATLAS_ERROR_MM, AcPc, AtlasPosition, StandardPosition};
 pub use surface::SurfaceName;
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with

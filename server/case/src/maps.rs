@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr};
 
-use crate::{Gyrus, PatientSide, QualityState};
+use crate::{Gyrus, PatientSide, QualityState, StandardPosition};
 
 /// A map of the junction of grey and white matter.
 #[derive(
@@ -175,6 +175,9 @@ pub struct CandidateFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
     pub gyrus: Option<Gyrus>,
+    /// About where it is in other heads; absent where nothing is known. It is not stored with the maps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub standard: Option<StandardPosition>,
 }
 
 impl CandidateFacts {

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use bytes::Bytes;
 use case::findings::{Finding, FindingRefused, check};
-use case::{CaseFacts, CaseId, MapName};
+use case::{AcPc, CaseFacts, CaseId, MapName};
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 use imaging::dicom::{Mark, MarkedPatient};
@@ -14,6 +14,7 @@ use pipeline::maps::side_at;
 use storage::tables::made;
 use storage::{FindingsVersion, Made, Replaced, StoreError, StoredFindings};
 
+use crate::gyri::PlaceNames;
 use crate::patient::Patient;
 use crate::{Cases, Error};
 
@@ -100,7 +101,7 @@ impl Cases {
         }
     }
 
-    /// Checks the findings that a client sends, and adds sides, gyri and times; those that have not changed since `before` keep theirs.
+    /// Checks the findings that a client sends, and adds sides, names and times; those that have not changed since `before` keep theirs.
     pub(crate) async fn complete(
         &self,
         id: &CaseId,
@@ -115,6 +116,10 @@ impl Cases {
             true => None,
             false => self.gyri(id).await.ok().flatten(),
         };
+        let names = PlaceNames {
+            gyri: gyri.as_deref(),
+            ac_pc: AcPc::of(list, &facts.midsagittal),
+        };
         let now = Timestamp::now().to_string();
         let old: HashMap<&str, &Finding> = before.iter().map(|f| (&*f.id, f)).collect();
         for finding in list {
@@ -124,10 +129,9 @@ impl Cases {
             finding.created_at = created_at.or_else(|| Some(now.clone()));
             let changed_at = unchanged.and_then(|old| old.changed_at.clone());
             finding.changed_at = changed_at.or_else(|| Some(now.clone()));
-            let middle = finding.middle_in_patient();
-            finding.side = Some(side_at(facts, DVec3::from_array(middle)));
-            let gyri = gyri.as_ref();
-            finding.gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(middle)));
+            let middle = DVec3::from_array(finding.middle_in_patient());
+            finding.side = Some(side_at(facts, middle));
+            names.name(finding);
         }
         Ok(())
     }
@@ -220,7 +224,7 @@ impl Cases {
             let mut labels = vec![0; grid.voxel_count()];
             let findings = (1..)
                 .zip(list)
-                .filter(|(_, finding)| !finding.is_dismissed && !finding.is_unconfirmed);
+                .filter(|(_, finding)| finding.is_kept() && !finding.is_unconfirmed);
             let findings: Vec<_> = findings.collect();
             for (number, finding) in &findings {
                 paint(&mut labels, &grid, *number, finding);
@@ -387,6 +391,7 @@ fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
         author: mark.author,
         side: None,
         gyrus: None,
+        standard: None,
         created_at: None,
         changed_at: None,
     })

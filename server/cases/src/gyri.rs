@@ -1,8 +1,9 @@
-//! The coarse names of the places of a case, from an atlas.
+//! The coarse names of the places of a case and where they are in other heads, from an atlas and the commissures.
 
 use std::sync::Arc;
 
-use case::{BrainRegion, CandidateFacts, CaseId, Lobe};
+use case::findings::Finding;
+use case::{AcPc, BrainRegion, CandidateFacts, CaseId, Gyrus, Lobe, StandardPosition};
 use glam::DVec3;
 use pipeline::atlas::Gyri;
 
@@ -50,16 +51,47 @@ impl Cases {
     }
 }
 
-/// Places with the names of their gyri. A name that the region of a place excludes is left out: regions are found in the head itself.
-pub fn named(places: &[CandidateFacts], gyri: Option<&Gyri>) -> Vec<CandidateFacts> {
-    let named = |place: &CandidateFacts| {
-        let gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(place.position_in_patient)));
-        CandidateFacts {
-            gyrus: gyrus.filter(|gyrus| may_be_in(gyrus.lobe(), place.region)),
-            ..*place
-        }
-    };
-    places.iter().map(named).collect()
+/// What names the places of a head: the atlas that it fits, and the commissures that a reader has set.
+#[derive(Debug, Clone, Copy)]
+pub struct PlaceNames<'a> {
+    pub gyri: Option<&'a Gyri>,
+    pub ac_pc: Option<AcPc>,
+}
+
+impl PlaceNames<'_> {
+    /// Where a position (LPS, mm) is in other heads; `None` where nothing is known.
+    pub fn standard(&self, position_in_patient: [f64; 3]) -> Option<StandardPosition> {
+        let position = DVec3::from_array(position_in_patient);
+        let standard = StandardPosition {
+            atlas: self.gyri.map(|gyri| gyri.position(position)),
+            ac_pc: self.ac_pc.map(|axes| axes.at(position_in_patient)),
+        };
+        (standard != StandardPosition::default()).then_some(standard)
+    }
+
+    fn gyrus(&self, position_in_patient: [f64; 3]) -> Option<Gyrus> {
+        self.gyri?.at(DVec3::from_array(position_in_patient))
+    }
+
+    /// Places with their names. A gyrus that the region of a place excludes is left out: regions are found in the head itself.
+    pub fn of_places(&self, places: &[CandidateFacts]) -> Vec<CandidateFacts> {
+        let named = |place: &CandidateFacts| {
+            let gyrus = self.gyrus(place.position_in_patient);
+            CandidateFacts {
+                gyrus: gyrus.filter(|gyrus| may_be_in(gyrus.lobe(), place.region)),
+                standard: self.standard(place.position_in_patient),
+                ..*place
+            }
+        };
+        places.iter().map(named).collect()
+    }
+
+    /// Names a finding by the middle of its points.
+    pub fn name(&self, finding: &mut Finding) {
+        let middle = finding.middle_in_patient();
+        finding.gyrus = self.gyrus(middle);
+        finding.standard = self.standard(middle);
+    }
 }
 
 /// Whether a region may have a gyrus of a lobe. What is called cerebrum may be anything, because it is the whole brain if the regions are

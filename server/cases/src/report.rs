@@ -10,13 +10,12 @@ use ::report::{
 };
 use bytes::Bytes;
 use case::findings::Finding;
-use case::{CandidateFacts, CaseId, Layer, LayerKind, MapName, QualityState};
+use case::{AcPc, CandidateFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
 use imaging::dicom::Attributes;
 use pipeline::Undefined;
-use pipeline::atlas::Gyri;
 
-use crate::gyri::named;
+use crate::gyri::PlaceNames;
 use crate::library::{LoadedMaps, MapsState};
 use crate::patient::{Patient, day};
 use crate::pictures::{LayerRef, ready};
@@ -99,13 +98,20 @@ impl Cases {
                 (kept.reading.findings, Some(of_reader))
             }
         };
+        let names = PlaceNames {
+            gyri: gyri.as_deref(),
+            ac_pc: AcPc::of(&list, &facts.midsagittal),
+        };
         for finding in &mut list {
             // The atlas of today counts, not that of when it was written.
-            let middle = DVec3::from_array(finding.middle_in_patient());
-            finding.gyrus = gyri.as_ref().and_then(|gyri| gyri.at(middle));
+            names.name(finding);
         }
-        let (dismissed, findings): (Vec<_>, Vec<_>) =
-            (list.into_iter()).partition(|finding| finding.is_dismissed);
+        let (findings, others): (Vec<_>, Vec<_>) =
+            (list.into_iter()).partition(|finding| finding.is_kept());
+        let dismissed = others
+            .into_iter()
+            .filter(|finding| finding.is_dismissed)
+            .collect();
         let own = maps.is_ok().then_some([MapName::Blur, MapName::Thickness]);
         let of_flair = matches!(flair, Some(Ok(_))).then_some(MapName::Flair);
         let drawn: Vec<_> = own.into_iter().flatten().chain(of_flair).collect();
@@ -136,12 +142,12 @@ impl Cases {
             reading,
             patient,
             maps: match &maps {
-                Ok(maps) => Ok(maps_of(maps, gyri.as_deref())),
+                Ok(maps) => Ok(maps_of(maps, &names)),
                 Err(reason) => Err(reason_of(reason)),
             },
             flair: flair.map(|flair| match flair {
                 Ok(maps) => {
-                    let places = named(&maps.candidates, gyri.as_deref());
+                    let places = names.of_places(&maps.candidates);
                     Ok(listed(&maps, MapName::Flair, places))
                 }
                 Err(reason) => Err(reason_of(&reason)),
@@ -192,11 +198,11 @@ impl Cases {
     }
 }
 
-fn maps_of(maps: &LoadedMaps, gyri: Option<&Gyri>) -> ReportMaps {
+fn maps_of(maps: &LoadedMaps, names: &PlaceNames<'_>) -> ReportMaps {
     ReportMaps {
-        blur: listed(maps, MapName::Blur, named(&maps.candidates, gyri)),
-        elsewhere: named(&maps.elsewhere, gyri),
-        thickness: listed(maps, MapName::Thickness, named(&maps.thick[0], gyri)),
+        blur: listed(maps, MapName::Blur, names.of_places(&maps.candidates)),
+        elsewhere: names.of_places(&maps.elsewhere),
+        thickness: listed(maps, MapName::Thickness, names.of_places(&maps.thick[0])),
         regions: maps.regions.clone(),
     }
 }

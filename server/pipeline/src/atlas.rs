@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use analysis::{Aligned, Alignment, MidsagittalPlane, align, midsagittal_plane};
-use case::{CaseFacts, Gyrus, PatientSide, QualityState};
+use case::{AtlasPosition, CaseFacts, Gyrus, PatientSide, QualityState};
 use geometry::{BrainMask, Envelope, Grid, Mask, Volume, envelope};
 use glam::{DAffine3, DVec3};
 use imaging::{ImagingError, Limits, nifti};
@@ -262,6 +262,15 @@ impl Gyri {
         }))
     }
 
+    /// About where a position (LPS, mm) is in the space of the atlas: the head that it was drawn on lies in MNI 152.
+    pub fn position(&self, position_in_patient: DVec3) -> AtlasPosition {
+        let [left, posterior, superior] = self
+            .atlas_from_patient
+            .transform_point3(position_in_patient)
+            .to_array();
+        AtlasPosition::at([-left, -posterior, superior])
+    }
+
     /// About which gyrus a position (LPS, mm) is in; `None` if no label of its side is near.
     ///
     /// The side is that of the head, not of the atlas: only labels of that side count, and in the middle those of both.
@@ -389,6 +398,11 @@ mod tests {
         for (mirrors, least) in [(false, 0.9), (true, 0.6)] {
             let (volume, labels, envelope) = head_of(drawn, mirrors, |_| true);
             let gyri = names_of(&atlas, &volume, &envelope).expect("it fits");
+            // Right in the head of the atlas is right in MNI 152, and front is front.
+            let place = DVec3::new(-40.0, -20.0, 30.0);
+            let [x, y, z] = gyri.position(place).mni152;
+            let off = [x - 40, y - 20, z - 30].map(i32::abs);
+            assert!(off.iter().all(|&mm| mm <= 3), "{mirrors} {:?}", [x, y, z]);
             let (mut right, mut count, mut astray) = (0.0, 0.0, 0.0);
             for index in (0..labels.len()).step_by(97) {
                 let Some(&(gyrus, side)) = atlas.names.get(&labels[index]) else {

@@ -250,6 +250,7 @@ fn candidate_facts(
             analysis::Unusual::No => Unusual::No,
         }),
         gyrus: None,
+        standard: None,
     }
 }
 

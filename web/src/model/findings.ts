@@ -1,7 +1,8 @@
 // What a reader marks and writes of a case: plain values, and how two readers' lists become one.
 
 import { type Depths, below } from "./isosurface.ts";
-import type { MapName } from "./maps.ts";
+import type { MapName, Standard } from "./maps.ts";
+import { isWay } from "./measure.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
 import { type Vec3, distance, meanOf } from "./space.ts";
@@ -9,7 +10,7 @@ import { parsed, plainLine, plainText } from "./text.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
 export type Certainty = (typeof CERTAINTIES)[number];
-export const FINDING_KINDS = ["point", "line", "polygon", "trajectory"] as const;
+export const FINDING_KINDS = ["point", "line", "polygon", "trajectory", "acpc"] as const;
 export type FindingKind = (typeof FINDING_KINDS)[number];
 
 export interface Finding {
@@ -29,6 +30,7 @@ export interface Finding {
   /** Set by the server. */
   readonly side?: Side;
   readonly gyrus?: string;
+  readonly standard?: Standard;
   readonly created_at?: string;
   readonly changed_at?: string;
 }
@@ -75,6 +77,7 @@ export const middleOf = ({ points_in_patient }: Pick<Finding, "points_in_patient
 const written = ({
   side: _side,
   gyrus: _gyrus,
+  standard: _standard,
   created_at: _created,
   changed_at: _changed,
   ...rest
@@ -180,7 +183,7 @@ function readFinding(given: unknown): Finding | null {
   const points = Array.isArray(one.points_in_patient) ? one.points_in_patient : [];
   const arePoints = points.length > 0 && points.every(isPoint);
   if (typeof one.id !== "string" || !kind || !arePoints || typeof one.depth_mm !== "number") return null;
-  const { side: _side, gyrus: _gyrus, created_at: _created, changed_at: _changed, ...rest } = one;
+  const { side: _side, gyrus: _gyrus, standard: _standard, created_at: _created, changed_at: _changed, ...rest } = one;
   const { label = "", note = "", colour = FIRST_COLOUR, is_dismissed = false } = rest;
   if (![label, note, colour].every((text) => typeof text === "string")) return null;
   return { ...rest, label, note, colour, is_dismissed } as Finding;
@@ -189,9 +192,12 @@ function readFinding(given: unknown): Finding | null {
 const isPoint = (given: unknown): given is Vec3 =>
   Array.isArray(given) && given.length === 3 && given.every((part) => typeof part === "number");
 
-/** Those that are not dismissed: they have numbers, from 1. */
+/** Those that are not dismissed and not the commissures: they have numbers, from 1. */
 export const numbered = (findings: readonly Finding[]): readonly Finding[] =>
-  findings.filter(({ is_dismissed }) => !is_dismissed);
+  findings.filter(({ is_dismissed, kind }) => !is_dismissed && kind !== "acpc");
+
+/** Whether it is the line of the commissures, which is drawn. */
+const isAxis = ({ is_dismissed, kind }: Finding): boolean => !is_dismissed && kind === "acpc";
 
 /** Where a point is at another depth. */
 export type Slide = (position_in_patient: Vec3, depth_mm: number) => Vec3;
@@ -220,12 +226,11 @@ export const markedFindings = (
   slide: Slide,
   off: (finding: Finding) => boolean = () => false,
 ): readonly Marked[] =>
-  numbered(findings).flatMap((finding, at) => {
+  [...numbered(findings), ...findings.filter(isAxis)].flatMap((finding, at) => {
     const { id, kind, points_in_patient, depth_mm, colour, is_unconfirmed } = finding;
     if (hidden.has(id)) return [];
-    // A way to a target is straight, whatever depth is shown.
-    const isWay = kind === "trajectory";
-    const isBeside = !isWay && off(finding);
+    const isStraight = isWay(kind);
+    const isBeside = !isStraight && off(finding);
     // The head turns more often than the depth changes.
     let slid: { readonly mm: number; readonly points: readonly Vec3[] } | null = null;
     const slidTo = (mm: number): readonly Vec3[] => {
@@ -233,16 +238,16 @@ export const markedFindings = (
       return slid.points;
     };
     return {
-      words: `${at + 1}${is_unconfirmed ? "?" : ""}`,
+      words: `${isAxis(finding) ? "AC–PC" : at + 1}${is_unconfirmed ? "?" : ""}`,
       points_in_patient,
       isClosed: kind === "polygon",
       colour,
-      depth_mm: isWay ? null : depth_mm,
+      depth_mm: isStraight ? null : depth_mm,
       // A line that was set in a slice is on no surface.
       isOnSurface: !isBeside || kind === "point",
       isOff: isBeside,
       pointsAt: (shown_mm) =>
-        isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM ? points_in_patient : slidTo(shown_mm),
+        isStraight || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM ? points_in_patient : slidTo(shown_mm),
     };
   });
 

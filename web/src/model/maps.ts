@@ -2,7 +2,7 @@
 
 import type { Intensity } from "./case.ts";
 import type { Side } from "./midsagittal.ts";
-import { type Affine, clamp } from "./space.ts";
+import { type Affine, type Vec3, clamp } from "./space.ts";
 
 /** The maps, as the server names them, in the order of the page. */
 export const MAP_NAMES = [
@@ -189,6 +189,14 @@ export function overlayPairs(overlay: LayerOverlay): readonly (readonly [string,
 /** Whether the score of a place is higher than those of heads without a lesion. */
 export type Unusual = "yes" | "borderline" | "no";
 
+/** About where a place is in other heads: to the right, to the front and upwards, in mm. */
+export interface Standard {
+  readonly mni152?: Vec3;
+  readonly talairach?: Vec3;
+  readonly error_mm?: number;
+  readonly ac_pc?: Vec3;
+}
+
 /** A place that the server lists: see `candidates`. */
 export interface Candidate {
   readonly position_in_patient: readonly [number, number, number];
@@ -201,6 +209,7 @@ export interface Candidate {
   readonly unusual?: Unusual;
   /** About which gyrus it is in, where the server knows. */
   readonly gyrus?: string;
+  readonly standard?: Standard;
 }
 
 /** The places that the server lists, the highest score first. */

@@ -4,8 +4,8 @@ import { slidTo } from "./flow.ts";
 import { areaVector, areaWithin, crossesItself, geodesic, lengthOf, type Isosurface } from "./geodesic.ts";
 import { type Vec3, clamp, dot, length, normalized, subtract } from "./space.ts";
 
-/** The tools of the ruler: a straight length, a line of several parts, an angle, an area, a way to a target. */
-export const TOOLS = ["length", "line", "angle", "area", "trajectory"] as const;
+/** The tools of the ruler: a straight length, a line of several parts, an angle, an area, a way to a target, both commissures. */
+export const TOOLS = ["length", "line", "angle", "area", "trajectory", "acpc"] as const;
 export type Tool = (typeof TOOLS)[number];
 
 /** How many points a measure has: it is complete with the most. */
@@ -15,7 +15,11 @@ export const POINTS: Readonly<Record<Tool, readonly [number, number]>> = {
   angle: [3, 3],
   area: [3, Infinity],
   trajectory: [2, 2],
+  acpc: [2, 2],
 };
+
+/** Whether it goes straight through the head, whatever surface its points were set on. */
+export const isWay = (tool: string): tool is "trajectory" | "acpc" => tool === "trajectory" || tool === "acpc";
 
 /** Where a point was set: in a slice, or on the surface at the depth that was shown. */
 export type Where = "slice" | "surface";
@@ -67,7 +71,7 @@ export function valuesOf({ tool, where, points_in_patient: points }: Measure, su
   if (tool === "angle") return { angle_deg: angleAt(points), drawn: points };
   const isArea = tool === "area";
   const straight_mm = lengthOf(points, isArea);
-  const isAlong = where === "surface" && tool !== "trajectory" && surface !== null;
+  const isAlong = where === "surface" && !isWay(tool) && surface !== null;
   const curve = isAlong ? along(surface, points, isArea) : null;
   const lengths = { straight_mm, ...(curve && { along_mm: lengthOf(curve) }), drawn: curve ?? points };
   if (!isArea || points.length < 3) return lengths;

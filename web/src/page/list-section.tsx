@@ -1,6 +1,6 @@
 // The one list of a reading: the places to look at and the findings, what is known of each, and what a reader writes about it.
 
-import { clamp } from "../model/space.ts";
+import { type Vec3, clamp } from "../model/space.ts";
 import type { Store } from "../store/store.ts";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
@@ -19,7 +19,7 @@ import {
 } from "../model/findings.ts";
 import { findingAddress } from "../model/fragment.ts";
 import { keyOf } from "../model/keys.ts";
-import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
+import { type Candidate, type ListingMap, type Standard, standsOut } from "../model/maps.ts";
 import { reflected, sideOf } from "../model/midsagittal.ts";
 import { plainLine } from "../model/text.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
@@ -210,7 +210,11 @@ function Item({ store, row, at, isStop }: OfRow & { readonly at: number | null; 
     list && `${t(`map.${list.map}`)} ${score}`,
   ];
   const state = t(`places.${judgement ?? (place && places.isSeen(place) ? "looked-at" : "not-yet")}`);
-  const name = [at === null ? (judgement ? t("findings.dismissed") : "") : number(at), title, depth].filter(Boolean);
+  const name = [
+    at === null ? (judgement === "dismissed" ? t("findings.dismissed") : "") : number(at),
+    title,
+    depth,
+  ].filter(Boolean);
   return (
     <li ref={item} data-id={finding?.id} data-judgement={judgement ?? ""} aria-current={isOpen}>
       <Button
@@ -259,6 +263,7 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
   const facts = [
     place && t("candidates.facts", { score: number(place.score, 1), size: number(place.size_mm, 1) }),
     positionWords(place?.position_in_patient ?? middleOf(finding as Finding)),
+    ...standardWords(place?.standard ?? finding?.standard),
     finding?.author && t("findings.by", { reader: finding.author }),
   ];
   return (
@@ -300,6 +305,18 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
       {place && list?.open.value === place && <Chart store={store} />}
     </div>
   );
+}
+
+/** Where a place is in other heads. */
+function standardWords({ mni152, talairach, error_mm, ac_pc }: Standard = {}): readonly string[] {
+  const along = (name: string, position: Vec3, places: number): string =>
+    `${name} ${position.map((mm) => number(mm, places)).join(" ")}`;
+  return [
+    ...(mni152 && talairach
+      ? [`${along("MNI 152", mni152, 0)}, ${along("Talairach", talairach, 0)} (± ${number(error_mm ?? NaN)} mm)`]
+      : []),
+    ...(ac_pc ? [along(t("findings.acpc"), ac_pc, 1)] : []),
+  ];
 }
 
 /** Copies the address of a finding, which the server has by then. */

@@ -8,6 +8,7 @@ import type { Isosurface } from "../model/geodesic.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Marked } from "../model/marks.ts";
 import {
+  isWay,
   type Column,
   type Measure,
   POINTS,
@@ -235,7 +236,7 @@ export class Measures {
     if (!tool || !first) return [];
     const hovered = this.#hovered.value;
     const points = [...set.map(({ position }) => position), ...(hovered ? [hovered] : [])];
-    const isOnSurface = first.where === "surface" || tool === "trajectory";
+    const isOnSurface = first.where === "surface" || isWay(tool);
     const measure: Measure = {
       id: "",
       tool,
@@ -297,6 +298,6 @@ export function columnWords({ column }: Measured): string {
 
 /** A measure as a finding, whose note says what was measured. */
 function findingOf({ tool, points_in_patient, depth_mm }: Measure, note: string): NewFinding {
-  const kind = tool === "area" ? "polygon" : tool === "trajectory" ? "trajectory" : "line";
+  const kind = tool === "area" ? "polygon" : isWay(tool) ? tool : "line";
   return { kind, points_in_patient, depth_mm, note };
 }

@@ -75,7 +75,7 @@ pub struct Mark {
     pub id: String,
     /// Its UID wherever it is written down.
     pub tracking_uid: String,
-    /// `point`, `line`, `polygon` or `trajectory`.
+    /// `point`, `line`, `polygon`, `trajectory` or `acpc`.
     pub kind: String,
     /// LPS mm.
     pub points_in_patient: Vec<[f64; 3]>,
@@ -86,6 +86,9 @@ pub struct Mark {
     /// About which gyrus it is in.
     #[serde(default)]
     pub gyrus: Option<String>,
+    /// Where it is in other heads, in words; it is written and never read.
+    #[serde(default)]
+    pub standard: StandardText,
     /// A line of text.
     pub label: String,
     /// Text.
@@ -103,6 +106,17 @@ pub struct Mark {
     /// The case in whose images it was marked.
     #[serde(default)]
     pub case: Option<String>,
+}
+
+/// A position in other heads, in words; absent where nothing is known.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StandardText {
+    /// In MNI 152, with how far it may be off.
+    pub mni152: Option<String>,
+    /// In Talairach space, with how far it may be off.
+    pub talairach: Option<String>,
+    /// In the axes of both commissures.
+    pub ac_pc: Option<String>,
 }
 
 /// The findings of a measurement report or a segmentation that this program wrote. The patient must not reach a log, an error or an address.
@@ -228,6 +242,7 @@ fn mark(group: &InMemDicomObject) -> Option<(Mark, String)> {
         depth_mm: text(depth, tags::NUMERIC_VALUE)?.parse().ok()?,
         side: side(group),
         gyrus: text_of(code::GYRUS),
+        standard: StandardText::default(),
         label: text_of(code::LABEL).unwrap_or_default(),
         note: text_of(code::COMMENT).unwrap_or_default(),
         certainty: word_of(code::CERTAINTY),
@@ -379,6 +394,7 @@ mod tests {
             depth_mm: 12.75,
             side: Some(Side::Right),
             gyrus: Some("insula".to_owned()),
+            standard: StandardText::default(),
             label: "ü \\ <b>".to_owned(),
             note: "one\ntwo".to_owned(),
             certainty: Some("unlikely".to_owned()),
@@ -401,6 +417,7 @@ mod tests {
         let bare = Mark {
             side: None,
             gyrus: None,
+            standard: StandardText::default(),
             label: String::new(),
             note: String::new(),
             certainty: None,

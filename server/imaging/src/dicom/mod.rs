@@ -52,7 +52,7 @@ pub use error::DicomError;
 pub use fingerprint::{Fingerprint, fingerprint};
 pub use header::IMAGE_CLASSES;
 pub use identity::{Identity, identify, series_of};
-pub use marks::{Mark, MarkedPatient, Side, marks};
+pub use marks::{Mark, MarkedPatient, Side, StandardText, marks};
 pub use rejection::{RejectedSeries, Rejection};
 pub use series::{SeriesSummary, UnreadFile};
 pub use syntax::TRANSFER_SYNTAXES;

@@ -1,11 +1,11 @@
 //! What readers have marked, as a measurement report or as segments.
 
 use case::findings::Finding;
-use case::{CaseFacts, CaseId, PatientSide};
+use case::{CaseFacts, CaseId, PatientSide, StandardPosition};
 use cases::Cases;
 use http::problem::AppError;
 use imaging::dicom::write::{self, Algorithm, Head, Property, Segment, WriteError, uid_of};
-use imaging::dicom::{Attributes, Mark, Side};
+use imaging::dicom::{Attributes, Mark, Side, StandardText};
 use jiff::Timestamp;
 use pipeline::findings::voxels_of;
 use render::SHORT_NOTICE;
@@ -24,7 +24,7 @@ pub(super) async fn read(
     let mut list = cases.findings(id).await?.list;
     list.retain(|finding| !finding.is_unconfirmed);
     if plan == FindingsPlan::Segments {
-        list.retain(|finding| !finding.is_dismissed);
+        list.retain(Finding::is_kept);
     }
     if list.is_empty() {
         return Err(refuse(
@@ -80,6 +80,7 @@ fn mark(id: &CaseId, source: &Attributes, finding: &Finding) -> Mark {
             Some(PatientSide::Middle | PatientSide::Unknown) | None => None,
         },
         gyrus: finding.gyrus.map(|gyrus| gyrus.name().to_owned()),
+        standard: standard(finding),
         label: finding.label.clone(),
         note: finding.note.clone(),
         certainty: finding
@@ -90,6 +91,17 @@ fn mark(id: &CaseId, source: &Attributes, finding: &Finding) -> Mark {
         is_dismissed: finding.is_dismissed,
         author: finding.author.clone(),
         case: Some(id.to_string()),
+    }
+}
+
+/// Where a finding is in other heads, in words.
+fn standard(finding: &Finding) -> StandardText {
+    let StandardPosition { atlas, ac_pc } = finding.standard.unwrap_or_default();
+    let about = |[x, y, z]: [i32; 3], error_mm| format!("{x} {y} {z} (± {error_mm} mm)");
+    StandardText {
+        mni152: atlas.map(|atlas| about(atlas.mni152, atlas.error_mm)),
+        talairach: atlas.map(|atlas| about(atlas.talairach, atlas.error_mm)),
+        ac_pc: ac_pc.map(|[x, y, z]| format!("{x:.1} {y:.1} {z:.1}")),
     }
 }
 

@@ -1,7 +1,7 @@
 //! The pages of a finding.
 
 use case::findings::{Finding, FindingKind};
-use case::{CandidateFacts, MapName, PatientSide};
+use case::{CandidateFacts, MapName, PatientSide, StandardPosition};
 use geometry::{flat_area_of, length_of};
 use glam::DVec3;
 
@@ -49,6 +49,7 @@ impl Report {
             let name = gyrus_of(words, finding.gyrus);
             facts.insert(1, (words.about_gyrus(), name.into()));
         }
+        facts.extend(standard(words, finding));
         facts.extend(measures(words, finding));
         let certainty = certainty_of(words, finding);
         if !certainty.is_empty() {
@@ -216,6 +217,22 @@ fn is_of(finding: &Finding, place: &CandidateFacts) -> bool {
     };
     let apart = DVec3::from_array(point).distance(DVec3::from_array(place.position_in_patient));
     apart < SAME_PLACE_MM
+}
+
+/// Where the middle of a finding is in other heads.
+fn standard(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
+    let StandardPosition { atlas, ac_pc } = finding.standard.unwrap_or_default();
+    let of_atlas = atlas.map(|atlas| {
+        let signed = |mm: [i32; 3]| mm.map(|mm| words.number(f64::from(mm), 0)).join(" · ");
+        let [mni152, talairach] = [atlas.mni152, atlas.talairach].map(signed);
+        let text = format!("{mni152} / {talairach} (± {} mm)", atlas.error_mm);
+        (words.atlas, text.into())
+    });
+    let of_axes = ac_pc.map(|[right, anterior, superior]| {
+        let along = position(words, [-right, -anterior, superior]);
+        (words.ac_pc, along.into())
+    });
+    of_atlas.into_iter().chain(of_axes).collect()
 }
 
 /// What can be measured of the points of a finding.

@@ -1,7 +1,7 @@
 //! The most blurred places of a case, and the profile through a point.
 
 use axum::extract::State;
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -11,8 +11,10 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::routes::asked::{CasePath, Question};
-use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName, Unusual};
-use cases::gyri::named;
+use case::{
+    AcPc, CandidateFacts, Gyrus, MapName, RegionFacts, StandardPosition, SurfaceName, Unusual,
+};
+use cases::gyri::PlaceNames;
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{MAPS_OFF, Numbers, check_count, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
@@ -21,7 +23,6 @@ use http::conditional::Format;
 use http::negotiate::media_type;
 use http::problem::AppError;
 use http::query::{ApiQuery, Asked};
-use pipeline::atlas::Gyri;
 use pipeline::maps::{Judgement, MAP_FORMAT, ScoreCaveat};
 
 const JSON: &str = "application/json";
@@ -149,7 +150,8 @@ impl From<ScoreCaveat> for CaveatView {
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
 /// of heads without a lesion (unless no limit is known, which `caveat` explains), and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
-/// not a measurement. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
+/// not a measurement. With that atlas it states about where it is in MNI 152 and Talairach space, and how far that may be off; and once a
+/// reader has set both commissures (a finding of the kind `acpc`), where it is in their axes. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/candidates", tag = "layers",
     params(("id" = String, Path, description = "The case"), CandidatesQuery),
@@ -168,13 +170,21 @@ pub async fn get_candidates(
     let kind = media_type(&request, &[JSON, CSV])?;
     let question = Question::new(id, "candidates", &query, &request);
     let map = cases.map(&id, query.map.name()).await?;
+    let facts = cases.ready(&id).await?;
+    let findings = cases.findings(&id).await?;
+    let ac_pc = AcPc::of(&findings.list, &facts.midsagittal);
+    let names = (map.version(), cases.atlas_tag(), ac_pc);
     let format = Format::of(kind)
-        .variant(format!("{kind} {} {}", map.version(), cases.atlas_tag()))
+        .variant(format!("{kind} {names:?}"))
         .revalidated();
     let work = async |_| {
         let maps = map.maps(&cases.library, &id).await?;
         let gyri = cases.gyri(&id).await?;
-        let list = CandidateList::of(&maps, gyri.as_deref(), &query);
+        let names = PlaceNames {
+            gyri: gyri.as_deref(),
+            ac_pc,
+        };
+        let list = CandidateList::of(&maps, &names, &query);
         let body = match kind {
             CSV => list.csv().into_bytes(),
             _ => json(&list)?,
@@ -189,7 +199,7 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 }
 
 impl CandidateList {
-    fn of(maps: &LoadedMaps, gyri: Option<&Gyri>, query: &CandidatesQuery) -> Self {
+    fn of(maps: &LoadedMaps, names: &PlaceNames<'_>, query: &CandidatesQuery) -> Self {
         let [in_cerebrum, elsewhere] = match query.map {
             MapAsked::Blur | MapAsked::Flair => [&maps.candidates, &maps.elsewhere],
             MapAsked::Thickness => maps.thick.each_ref(),
@@ -203,7 +213,7 @@ impl CandidateList {
         }
         candidates.truncate(query.limit);
         Self {
-            candidates: named(&candidates, gyri),
+            candidates: names.of_places(&candidates),
             nothing_stands_out: limits.map(|_| !in_cerebrum.iter().any(CandidateFacts::stands_out)),
             limits: limits.map(|limits| LimitsView {
                 unusual_above: limits.unusual_above,
@@ -216,7 +226,7 @@ impl CandidateList {
 
     fn csv(&self) -> String {
         let mut text =
-            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual,gyrus,caveat\r\n"
+            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual,gyrus,caveat,mni152,talairach,ac_pc\r\n"
                 .to_owned();
         let caveat = self.caveat.as_ref().map_or("", |caveat| caveat.reason_code);
         for (rank, candidate) in (1..).zip(&self.candidates) {
@@ -233,14 +243,28 @@ impl CandidateList {
                 size_mm,
                 ..
             } = candidate;
+            let [mni152, talairach, ac_pc] = standard_fields(candidate.standard);
             let depth_mm = depth_mm.map_or(String::new(), |depth_mm| depth_mm.to_string());
             let row = format!(
-                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual},{gyrus},{caveat}\r\n"
+                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual},{gyrus},{caveat},{mni152},{talairach},{ac_pc}\r\n"
             );
             text.push_str(&row);
         }
         text
     }
+}
+
+/// The fields of a CSV for a position in other heads: three numbers each, or nothing.
+pub(super) fn standard_fields(standard: Option<StandardPosition>) -> [String; 3] {
+    fn field<T: Display>(position: Option<[T; 3]>) -> String {
+        position.map_or(String::new(), |[x, y, z]| format!("{x} {y} {z}"))
+    }
+    let StandardPosition { atlas, ac_pc } = standard.unwrap_or_default();
+    [
+        field(atlas.map(|atlas| atlas.mni152)),
+        field(atlas.map(|atlas| atlas.talairach)),
+        field(ac_pc),
+    ]
 }
 
 /// The point that a profile goes through.

@@ -12,7 +12,7 @@ use cases::findings::Findings;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::candidates::quoted;
+use super::candidates::{quoted, standard_fields};
 use super::versioned::{
     JSON, Versioned, answer, as_json, known_tags, precondition_required, represented,
 };
@@ -207,7 +207,7 @@ impl Versioned for Findings {
 type Column = (&'static str, fn(&Finding, usize, [f64; 3]) -> String);
 
 /// The columns of the CSV, which has a row for each point.
-const COLUMNS: [Column; 19] = [
+const COLUMNS: [Column; 22] = [
     ("finding", |finding, _, _| finding.id.clone()),
     ("kind", |finding, _, _| finding.kind.name().to_owned()),
     ("point", |_, number, _| number.to_string()),
@@ -245,7 +245,15 @@ const COLUMNS: [Column; 19] = [
     ("unconfirmed", |finding, _, _| {
         finding.is_unconfirmed.to_string()
     }),
+    ("mni152", |finding, _, _| standard(finding, 0)),
+    ("talairach", |finding, _, _| standard(finding, 1)),
+    ("ac_pc", |finding, _, _| standard(finding, 2)),
 ];
+
+/// Where the middle of a finding is in other heads, in one of three spaces.
+fn standard(finding: &Finding, space: usize) -> String {
+    standard_fields(finding.standard)[space].clone()
+}
 
 /// A field that is empty where there is nothing.
 fn word(known: Option<&str>) -> String {

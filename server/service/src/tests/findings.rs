@@ -144,6 +144,56 @@ async fn a_version_begins_with_a_copy() {
 }
 
 #[tokio::test]
+async fn the_commissures_are_axes_for_findings_and_no_finding() {
+    let (server, case) = Server::with_case().await;
+    let middle = place(&server, &case, 0.0).await;
+    let at = |[left, back, up]: [f64; 3]| {
+        let of = |axis: usize| middle[axis].as_f64().unwrap();
+        json!([of(0) + left, of(1) + back, of(2) + up])
+    };
+    let [front, back] = [[0.0, -13.0, 0.0], [0.0, 13.0, 0.0]].map(at);
+    let axes = |points: Value| json!({ "id": "x", "kind": "acpc", "points_in_patient": points, "depth_mm": 9 });
+    let none = server.get(&format!("{case}/findings")).await;
+    for wrong in [
+        axes(json!([back, front])),
+        axes(json!([front])),
+        axes(json!([front, at([0.0, -10.0, 0.0])])),
+    ] {
+        let refused = put(&server, &case, none.header("etag"), &json!([wrong])).await;
+        assert_eq!(refused.refusal(), (400, "findings-invalid".to_owned()));
+        assert_eq!(refused.parameter(), "findings[0].points_in_patient");
+    }
+    let set = axes(json!([front, back]));
+    let mut second = set.clone();
+    second["id"] = json!("y");
+    let twice = json!([set, second]);
+    let refused = put(&server, &case, none.header("etag"), &twice).await;
+    assert_eq!(refused.parameter(), "findings[1].kind");
+
+    let left = at([20.0, -5.0, 7.0]);
+    let both = json!([point("a", &left), set]);
+    let stored = put(&server, &case, none.header("etag"), &both).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+    let stated = stored.json()["findings"][0]["standard"]["ac_pc"].clone();
+    for (axis, mm) in [-20.0, 5.0, 7.0].into_iter().enumerate() {
+        assert!(
+            (stated[axis].as_f64().unwrap() - mm).abs() < 1.5,
+            "{stated}"
+        );
+    }
+    let csv = [("accept", "text/csv")];
+    let csv = server.get_with(&format!("{case}/findings"), &csv).await;
+    let text = String::from_utf8(csv.body.to_vec()).unwrap();
+    let stated = [0, 1, 2].map(|axis| stated[axis].to_string());
+    let row = text.lines().nth(2).unwrap();
+    let number = |text: &str| text.parse::<f64>().unwrap().to_string();
+    assert!(
+        row.ends_with(&format!(",,,{}", stated.map(|mm| number(&mm)).join(" "))),
+        "{text}"
+    );
+}
+
+#[tokio::test]
 async fn findings_come_as_csv_that_no_spreadsheet_computes() {
     let (server, case) = Server::with_case().await;
     let at = place(&server, &case, 20.0).await;

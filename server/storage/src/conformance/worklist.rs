@@ -40,7 +40,7 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
     write(
         store,
         &first,
-        r#"[{"author": "Zoe"}, {"author": "Ana"}, {"author": "Ana", "is_dismissed": true}, {}]"#,
+        r#"[{"author": "Zoe"}, {"author": "Ana"}, {"author": "Ana", "is_dismissed": true}, {"kind": "acpc"}, {}]"#,
     )
     .await;
     write(store, &second, "[]").await;

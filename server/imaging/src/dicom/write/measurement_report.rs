@@ -103,7 +103,7 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
     let points = mark.points_in_patient.iter().copied();
     let points: Vec<_> = points.map(DVec3::from_array).collect();
     match &*mark.kind {
-        "line" | "trajectory" => {
+        "line" | "trajectory" | "acpc" => {
             items.push(number(code::LENGTH, length_of(&points), code::MILLIMETRES));
         }
         "polygon" => {
@@ -114,6 +114,9 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
     }
     let written = [
         (code::GYRUS, mark.gyrus.as_ref()),
+        (code::MNI152, mark.standard.mni152.as_ref()),
+        (code::TALAIRACH, mark.standard.talairach.as_ref()),
+        (code::AC_PC, mark.standard.ac_pc.as_ref()),
         (code::LABEL, Some(&mark.label)),
         (code::COMMENT, Some(&mark.note)),
         (code::COLOUR, Some(&mark.colour)),
