@@ -4,6 +4,7 @@ use std::io::Read as _;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use case::CaseId;
 use serde_json::Value;
 
 use super::report::mark;
@@ -99,6 +100,33 @@ async fn the_file_holds_what_the_server_answers_and_runs_the_page_alone() {
     let portuguese = server.get(&format!("{address}?language=pt-BR")).await;
     let text = String::from_utf8_lossy(&portuguese.body).into_owned();
     assert!(text.contains("<article lang=\"pt-BR\">"));
+}
+
+#[tokio::test]
+async fn nothing_is_loaded_for_a_file_before_its_turn() {
+    let (server, case) = Server::with_case().await;
+    let id = CaseId::parse(case.rsplit('/').next().unwrap()).unwrap();
+    let (queue, router) = (server.cases.queue.clone(), &server);
+    let all_waiting = async |count| {
+        while queue.waiting() != count {
+            tokio::task::yield_now().await;
+        }
+    };
+    let mut held = vec![queue.turn().await.unwrap(), queue.turn().await.unwrap()];
+    let address = format!("{case}/share");
+    let between = async {
+        // The report waits; who comes after it has the turn before the file.
+        all_waiting(1).await;
+        let mut next = Box::pin(queue.turn());
+        assert!(futures_util::poll!(&mut next).is_pending());
+        held.pop();
+        let next = next.await.unwrap();
+        all_waiting(1).await;
+        server.cases.delete(&id).await.unwrap();
+        drop((held, next));
+    };
+    let (shared, ()) = tokio::join!(router.get(&address), between);
+    assert_eq!(shared.refusal(), (404, "no-such-case".to_owned()));
 }
 
 #[tokio::test]
