@@ -48,7 +48,7 @@ const MARK: &str = "<!--contents-->";
 /// An HTML file of 12 MB at most, to be opened from a disk. It runs nothing and loads nothing but what it holds: the page reduced to
 /// looking, with the depth, the directions, the mirrored side, the slices, the findings and the words of the report. Its pixels are those of the
 /// page. Where the acquisition is too large for the file, it has the intensities around the brain, and where those are, too, in 256
-/// steps; it then states so. It names the patient only on request; no cache may store it then.
+/// steps; it then states so. It names the patient, and has the label of the case, only on request; no cache may store it then.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/share", tag = "findings",
     params(("id" = String, Path, description = "The case"), ReportKeys),
@@ -178,11 +178,11 @@ impl Shared {
                 true => patient_of(cases.shown_patient(id).await?),
                 false => String::new(),
             },
-            case: described(cases, id, SurfaceName::Whole).await?,
+            case: described(cases, id, SurfaceName::Whole, query.patient).await?,
             findings: json!({ "findings": findings }),
             depths: wire::depth_texture(&cases.model(id).await?),
             volumes: volumes(cases, id, &facts).await?,
-            parts: parts(cases, id).await?,
+            parts: parts(cases, id, query.patient).await?,
         })
     }
 
@@ -311,7 +311,12 @@ fn in_html(value: &Value) -> String {
 }
 
 /// A case as `GET /v1/cases/{id}` describes it, without what leads to the server or to other cases.
-async fn described(cases: &Cases, id: &CaseId, surface: SurfaceName) -> Result<Value, AppError> {
+async fn described(
+    cases: &Cases,
+    id: &CaseId,
+    surface: SurfaceName,
+    names_patient: bool,
+) -> Result<Value, AppError> {
     let view = view_of_surface(cases, id, surface).await?;
     // By way of the text that is sent, in which numbers are as short as they are there.
     let sent = serde_json::to_vec(&view).map_err(|_| Error::Internal)?;
@@ -319,6 +324,10 @@ async fn described(cases: &Cases, id: &CaseId, surface: SurfaceName) -> Result<V
     if let Some(fields) = case.as_object_mut() {
         for name in ["links", "previous", "next", "expires_at"] {
             fields.remove(name);
+        }
+        // A label may be a name.
+        if !names_patient {
+            fields.insert("name".to_owned(), Value::Null);
         }
     }
     Ok(case)
@@ -365,13 +374,17 @@ async fn volumes(
     Ok(volumes)
 }
 
-async fn parts(cases: &Cases, id: &CaseId) -> Result<Vec<(SurfaceName, Value, Texture)>, AppError> {
+async fn parts(
+    cases: &Cases,
+    id: &CaseId,
+    names_patient: bool,
+) -> Result<Vec<(SurfaceName, Value, Texture)>, AppError> {
     let mut parts = Vec::new();
     for part in [SurfaceName::Left, SurfaceName::Right, SurfaceName::Cerebrum] {
         match cases.surface(id, part).await {
             Ok(model) => parts.push((
                 part,
-                described(cases, id, part).await?,
+                described(cases, id, part, names_patient).await?,
                 wire::depth_texture(&model),
             )),
             Err(Error::NoSurfaces(_)) => return Ok(Vec::new()),

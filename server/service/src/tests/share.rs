@@ -2,10 +2,11 @@
 
 use std::io::Read as _;
 
+use axum::http::Method;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use case::CaseId;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::report::mark;
 use super::server::{Server, head};
@@ -130,11 +131,24 @@ async fn nothing_is_loaded_for_a_file_before_its_turn() {
 }
 
 #[tokio::test]
-async fn what_names_the_patient_is_kept_by_no_cache() {
+async fn what_names_the_patient_is_kept_by_no_cache_and_has_the_label_alone() {
     let (server, case) = Server::with_case().await;
-    let shared = server.get(&format!("{case}/share?patient=true")).await;
-    assert_eq!(shared.status, 200, "{:?}", shared.headers);
-    assert_eq!(shared.header("cache-control"), "no-store");
+    let label = json!({ "name": "Ana Silva" }).to_string();
+    let renamed = server.ask(Method::PATCH, &case, &[], label).await;
+    assert_eq!(renamed.status, 200, "{renamed:?}");
+    for (query, cache, has_label) in [
+        ("", "private, no-cache", false),
+        ("?patient=true", "no-store", true),
+    ] {
+        let shared = server.get(&format!("{case}/share{query}")).await;
+        assert_eq!(shared.status, 200, "{:?}", shared.headers);
+        assert_eq!(shared.header("cache-control"), cache);
+        let html = std::str::from_utf8(&shared.body).unwrap();
+        assert_eq!(html.contains("Ana Silva"), has_label);
+        let (_, described) = &answers(html)[0];
+        let described: Value = serde_json::from_slice(described).unwrap();
+        assert_eq!(described["name"] == "Ana Silva", has_label);
+    }
 }
 
 #[tokio::test]
