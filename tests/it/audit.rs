@@ -224,6 +224,17 @@ async fn a_signature_is_recorded_with_whoever_gave_it() {
     assert_eq!(line["request"], signed.header("x-request-id"));
     assert!(address.ends_with(line["case"].as_str().unwrap()));
     assert!(!format!("{:?}", recorded.lines()).contains(CANARY));
+    // Nothing is signed twice, which the record says.
+    let again = send(
+        Method::POST,
+        &signature,
+        signed.header("etag"),
+        String::new(),
+    )
+    .await;
+    assert_eq!(again.status, 409, "{again:?}");
+    let lines = recorded.all_of("signature");
+    assert_eq!(outcomes(&lines), ["allowed", "allowed", "minor-failure"]);
 }
 
 /// A report and a case to hand on leave as files, and show the identity of a patient if that was asked for.

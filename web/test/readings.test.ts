@@ -70,8 +70,9 @@ interface Stored {
   findings: readonly Finding[];
 }
 
-/** A server with the reading of Ana. */
+/** A server with the reading of whoever is signed in. */
 class Server {
+  reader = "proxy:ana";
   mine: Stored = { version: 1, state: "open", conclusion: "", findings: [] };
   tag = 1;
   readonly seen: string[] = [];
@@ -95,7 +96,7 @@ class Server {
       this.put({ version: this.mine.version + (isSigned ? 1 : 0), state: "open", conclusion, findings });
     }
     if (method === "POST") this.put({ ...this.mine, state: "signed" });
-    return Response.json({ reader: "proxy:ana", ...this.mine }, { headers: { etag: `"${this.tag}"` } });
+    return Response.json({ reader: this.reader, ...this.mine }, { headers: { etag: `"${this.tag}"` } });
   };
 
   put(stored: Stored): void {
@@ -137,15 +138,15 @@ afterEach(() => {
 });
 
 test("a conclusion is sent as soon as the hand rests, and again once the server is back", async () => {
-  reading.write("Thick");
-  reading.write("Thick gyrus\r\nleft\u202e");
-  assert.ok(!reading.isKept.value);
+  reading.change({ conclusion: "Thick" });
+  reading.change({ conclusion: "Thick gyrus\r\nleft\u202e" });
+  assert.ok(!reading.isKept);
   mock.timers.tick(500);
   await reading.flush();
   assert.deepEqual([server.mine.conclusion, server.seen], ["Thick gyrus\nleft", ["PUT"]]);
   assert.equal(reading.status.value, english["findings.kept"]);
   server.isAway = true;
-  reading.write("Thin");
+  reading.change({ conclusion: "Thin" });
   mock.timers.tick(500);
   await assert.rejects(reading.flush());
   assert.match(reading.status.value, /Not stored yet/);
@@ -156,10 +157,10 @@ test("a conclusion is sent as soon as the hand rests, and again once the server 
 });
 
 test("what is signed has the findings as they are shown, stays, and is corrected by its next version", async () => {
-  reading.write("Thick");
+  reading.change({ conclusion: "Thick" });
   assert.ok(await reading.sign(reading.seen));
   assert.deepEqual([server.mine.state, server.mine.conclusion, ids(server.mine.findings)], ["signed", "Thick", "a"]);
-  assert.ok(reading.isSigned.value && reading.isKept.value);
+  assert.ok(reading.isSigned.value && reading.isKept);
   list.value = [...list.value, at("b", [9, 9, 9])];
   assert.equal(await reading.reported(), "proxy:ana");
   assert.equal(ids(server.mine.findings), "a", "a report changes nothing that is signed");
@@ -172,13 +173,13 @@ test("what is signed has the findings as they are shown, stays, and is corrected
 
 test("what another window wrote meanwhile stays, and is never signed unseen", async () => {
   server.put({ ...server.mine, conclusion: "of the other window" });
-  reading.write("of this one");
+  reading.change({ conclusion: "of this one" });
   await reading.flush();
   assert.equal(server.mine.conclusion, "of the other window\n\nof this one");
-  assert.equal(reading.conclusion.value, server.mine.conclusion);
+  assert.equal(reading.value.value.conclusion, server.mine.conclusion);
   server.put({ ...server.mine, conclusion: "another one" });
   assert.equal(await reading.sign(reading.seen), false);
-  assert.deepEqual([server.mine.state, reading.conclusion.value], ["open", "another one"]);
+  assert.deepEqual([server.mine.state, reading.value.value.conclusion], ["open", "another one"]);
   assert.equal(reading.status.value, english["problem.reading-changed"]);
   server.put({ ...server.mine, state: "signed" });
   assert.equal(await reading.sign(reading.seen), false);
@@ -186,7 +187,7 @@ test("what another window wrote meanwhile stays, and is never signed unseen", as
 });
 
 test("what is signed is what was seen when the reader was asked", async () => {
-  reading.write("Thick");
+  reading.change({ conclusion: "Thick" });
   const { seen } = reading;
   list.value = [at("a", [1, 2, 3]), at("b", [9, 9, 9])];
   assert.equal(await reading.sign(seen), false);
@@ -202,41 +203,74 @@ test("what is signed is what was seen when the reader was asked", async () => {
 });
 
 test("what is typed while another window signs is kept for the correction", async () => {
-  reading.write("Thick");
+  reading.change({ conclusion: "Thick" });
   await reading.flush();
   server.put({ ...server.mine, state: "signed" });
-  reading.write("Thick, and blurred");
+  reading.change({ conclusion: "Thick, and blurred" });
   await assert.rejects(reading.flush());
-  assert.ok(reading.isSigned.value && !reading.isKept.value);
+  assert.ok(reading.isSigned.value && !reading.isKept);
   await reading.load();
   await reading.flush();
-  assert.deepEqual([server.mine.version, reading.conclusion.value], [1, "Thick, and blurred"]);
+  assert.deepEqual([server.mine.version, reading.value.value.conclusion], [1, "Thick, and blurred"]);
   assert.ok(await reading.correct());
   assert.deepEqual([server.mine.version, server.mine.state, server.mine.conclusion], [2, "open", "Thick, and blurred"]);
-  assert.ok(reading.isKept.value);
+  assert.ok(reading.isKept);
 });
 
 test("what is deleted while it is sent does not come back", async () => {
-  reading.write("A");
+  reading.change({ conclusion: "A" });
   await reading.flush();
-  server.during = () => reading.write("A");
-  reading.write("AB");
+  server.during = () => reading.change({ conclusion: "A" });
+  reading.change({ conclusion: "AB" });
   await reading.flush();
-  assert.deepEqual([server.mine.conclusion, reading.conclusion.value], ["AB", "A"]);
-  mock.timers.tick(500);
+  assert.deepEqual([server.mine.conclusion, reading.value.value.conclusion], ["A", "A"]);
+  assert.deepEqual(server.seen, ["PUT", "PUT", "PUT"]);
+});
+
+test("a conclusion that is taken back takes the findings with it", async () => {
+  reading.change({ conclusion: "Thick" });
   await reading.flush();
-  assert.equal(server.mine.conclusion, "A");
+  assert.equal(ids(server.mine.findings), "a");
+  reading.change({ conclusion: " \n" });
+  await reading.flush();
+  assert.deepEqual([server.mine.conclusion.trim(), server.mine.findings], ["", []]);
+});
+
+test("whoever signs in next on the same page neither sees nor sends what the one before has written", async () => {
+  server.isAway = true;
+  reading.change({ conclusion: "of Ana" });
+  await assert.rejects(reading.flush());
+  server.isAway = false;
+  const ofAna = server.mine;
+  server.reader = "proxy:ben";
+  server.put({ ...ofAna, conclusion: "of Ben" });
+  await reading.flush();
+  assert.deepEqual([reading.value.value.conclusion, server.mine.conclusion], ["of Ben", "of Ben"]);
+  server.reader = "proxy:ana";
+  server.put(ofAna);
+  await reading.load();
+  assert.equal(reading.value.value.conclusion, "of Ana");
+  server.isAway = true;
+  reading.dispose();
+  holder.value = { name: "proxy:ben", scopes: ["read", "write"] };
+  assert.equal(Reading.of("0".repeat(32), list).value.value.conclusion, "");
+  holder.value = { name: "proxy:ana", scopes: ["read", "write"] };
+  const again = Reading.of("0".repeat(32), list);
+  assert.equal(again.value.value.conclusion, "of Ana");
+  server.isAway = false;
+  await again.flush();
+  assert.equal(server.mine.conclusion, "of Ana");
 });
 
 test("what was not sent of a case that was left is shown again, and the page warns until it is sent", async () => {
   server.isAway = true;
-  reading.write("Thick");
+  reading.change({ conclusion: "Thick" });
   reading.dispose();
   mock.timers.tick(0);
   await assert.rejects(reading.flush());
   assert.equal(listening.size, 1);
   const again = Reading.of("0".repeat(32), list);
-  assert.equal(again.conclusion.value, "Thick");
+  assert.equal(again.value.value.conclusion, "Thick");
   again.dispose();
   server.isAway = false;
   await again.flush();
@@ -244,11 +278,11 @@ test("what was not sent of a case that was left is shown again, and the page war
 });
 
 test("of a deleted case nothing is left to be sent, and a page in the background sends what there is", async () => {
-  reading.write("Thick");
+  reading.change({ conclusion: "Thick" });
   for (const hear of listening) hear(new Event("visibilitychange", { cancelable: true }));
   await reading.flush();
   assert.equal(server.mine.conclusion, "Thick");
-  reading.write("Thin");
+  reading.change({ conclusion: "Thin" });
   server.isDeleted = true;
   reading.dispose();
   await assert.rejects(reading.flush());

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use crate::proxy::PREFIX;
 use crate::scopes::Scope;
 
 /// A token that is known by its digest. The token itself is nowhere but with its holder: it is random and long, so its
@@ -43,18 +44,28 @@ const DIGEST_DIGITS: usize = 32;
 /// name of somebody else.
 pub(crate) fn name_by(prefix: &str, stated: &[u8]) -> Arc<str> {
     let is_plain = stated.iter().all(u8::is_ascii_graphic);
-    let is_digest = stated.len() == DIGEST_DIGITS && stated.iter().all(u8::is_ascii_hexdigit);
-    if is_plain && !is_digest && stated.len() <= LONGEST_NAME {
+    if is_plain && !is_digest(stated) && stated.len() <= LONGEST_NAME {
         return format!("{prefix}{}", String::from_utf8_lossy(stated)).into();
     }
     let digest = blake3::hash(stated).to_hex();
     format!("{prefix}{}", &digest[..DIGEST_DIGITS]).into()
 }
 
+/// Whether a name looks like a digest, as no name does that is shown as it is.
+fn is_digest(stated: &[u8]) -> bool {
+    stated.len() == DIGEST_DIGITS && stated.iter().all(u8::is_ascii_hexdigit)
+}
+
 impl Holder {
     /// Whether it is one person or program, and not everybody who has the token without a name, or is on this machine.
     pub fn is_named(&self) -> bool {
         ![ANYBODY, UNNAMED].contains(&&*self.name)
+    }
+
+    /// Whether people can read the name: a proxy may have stated one of which only the digest is known here.
+    pub fn is_readable(&self) -> bool {
+        let stated = self.name.strip_prefix(PREFIX);
+        !stated.is_some_and(|stated| is_digest(stated.as_bytes()))
     }
 
     /// The holder of a token without a name, who may do everything.
@@ -130,6 +141,14 @@ mod tests {
         // Somebody who is called like the digest of somebody else.
         assert_ne!(named(digest), long);
         assert_ne!(named("two words"), named("two  words"));
+        let is_readable = |name: &str| {
+            let scopes = BTreeSet::new();
+            let name = name.into();
+            Holder { name, scopes }.is_readable()
+        };
+        assert!(is_readable("proxy:u-17") && !is_readable(&named("João da Silva")));
+        // A token may be named as its owner likes.
+        assert!(is_readable(digest));
     }
 
     fn token(name: &str, text: &str, ends: Option<SystemTime>) -> NamedToken {

@@ -20,6 +20,11 @@ pub struct Reading {
 }
 
 impl Reading {
+    /// Whether there is anything to sign.
+    pub fn is_concluded(&self) -> bool {
+        !self.conclusion.trim().is_empty()
+    }
+
     /// Checks the conclusion; [`crate::findings::check`] checks the findings.
     ///
     /// # Errors
@@ -43,6 +48,12 @@ impl Reading {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_empty_reading_is_stored_as_the_list_of_cases_knows_it() {
+        let stored = serde_json::to_string(&Reading::default()).unwrap();
+        assert_eq!(stored, r#"{"conclusion":"","findings":[]}"#);
+    }
 
     #[test]
     fn a_conclusion_is_plain_text_of_some_length() {

@@ -30,6 +30,9 @@ pub enum Error {
     /// Somebody asks for the reading of somebody else before they have signed their own.
     #[error("the reading of another reader is shown to those who have signed their own")]
     ReadingHidden,
+    /// Somebody signs what they have signed.
+    #[error("this version of the reading is signed already; a change begins the next one")]
+    ReadingSigned,
     /// The case has no maps.
     #[error(transparent)]
     MapsUndefined(Undefined),
@@ -90,6 +93,7 @@ impl PublicError for Error {
             | Self::LayerNotReady
             | Self::LayerClosed(_)
             | Self::ReadingHidden
+            | Self::ReadingSigned
             | Self::MapsUndefined(_)
             | Self::NoSurfaces(_) => ErrorKind::Conflict,
             Self::Failure(failure) => failure.kind(),
@@ -109,6 +113,7 @@ impl PublicError for Error {
             Self::NoSuchLayer => "no-such-layer",
             Self::NoSuchReading => "no-such-reading",
             Self::ReadingHidden => "reading-hidden",
+            Self::ReadingSigned => "reading-signed",
             Self::MapsUndefined(_) => "maps-undefined",
             Self::NoSurfaces(_) => "no-surfaces",
             Self::Failure(failure) => return failure.name(),

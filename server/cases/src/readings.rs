@@ -19,7 +19,7 @@ pub struct KeptReading {
     /// `None` while it is open.
     pub signed_at: Option<Timestamp>,
     pub reading: Reading,
-    /// Names what is stored, and whether it is signed.
+    /// Names what is stored, of whom, and whether it is signed.
     pub tag: FindingsVersion,
     /// `None` before anything is.
     stored: Option<StoredReading>,
@@ -33,7 +33,7 @@ impl KeptReading {
             version: 1,
             signed_at: None,
             reading: Reading::default(),
-            tag: FindingsVersion::of(""),
+            tag: FindingsVersion::of(reader),
             stored: None,
         }
     }
@@ -42,7 +42,10 @@ impl KeptReading {
         let StoredReading { state, document } = &stored;
         let signed_at = state.signed_at;
         let signed_us = signed_at.map(jiff::Timestamp::as_microsecond);
-        let named = format!("{} {signed_us:?} {document}", state.version);
+        let named = format!(
+            "{} {} {signed_us:?} {document}",
+            state.reader, state.version
+        );
         Ok(Self {
             reader: state.reader.clone(),
             version: state.version,
@@ -109,7 +112,7 @@ impl Cases {
     }
 
     /// Keeps the reading of somebody of a ready case, if it is still of one of the versions that the client knows; returns it with what the server
-    /// adds to its findings. It is durable then. After a signed version, this is the next.
+    /// adds to its findings. It is durable then. After a signed version, this is the next, unless the case is closed.
     ///
     /// # Errors
     /// As [`Cases::ready`], and [`NotReplaced`].
@@ -126,6 +129,9 @@ impl Cases {
             return Err(NotReplaced::Changed(before));
         }
         reading.check_conclusion().map_err(NotReplaced::Refused)?;
+        if !reading.is_concluded() {
+            reading.conclusion.clear();
+        }
         // What is taken from the findings of the case keeps its times.
         let joint = self.findings(id).await?.list;
         let older = [joint, before.reading.findings].concat();
@@ -142,7 +148,7 @@ impl Cases {
     /// changes this version then.
     ///
     /// # Errors
-    /// [`NotReplaced`]: `Closed`, or `Refused` if nothing is concluded.
+    /// [`NotReplaced`]: `Closed`, `Refused` if nothing is concluded, or [`Error::ReadingSigned`].
     pub async fn sign_reading(
         &self,
         id: &CaseId,
@@ -155,9 +161,9 @@ impl Cases {
             return Err(NotReplaced::Changed(before));
         }
         if before.signed_at.is_some() {
-            return Ok(before);
+            return Err(Error::ReadingSigned.into());
         }
-        let is_concluded = !before.reading.conclusion.trim().is_empty();
+        let is_concluded = before.reading.is_concluded();
         let Some(stored) = before.stored.filter(|_| is_concluded) else {
             return Err(NotReplaced::Refused(FindingRefused {
                 path: "conclusion".to_owned(),

@@ -69,7 +69,11 @@ impl Cases {
         }: AskedReport<'_>,
     ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
-        let case = self.case(id).await?;
+        let mut case = self.case(id).await?;
+        // A label may be a name; what is handed on has none unless it names the patient.
+        if format == ReportFormat::Text && !query.patient {
+            case.parameters.name = None;
+        }
         let maps = found_or_reason(self.library.maps(id).await?)?;
         let flair = self.library.flair(id).await?;
         let flair = flair

@@ -29,7 +29,7 @@ pub enum WrittenReading {
     Done(StoredReading),
     /// The same reader has changed it meanwhile; nothing has changed.
     Changed,
-    /// The case is closed, so nobody signs; nothing has changed.
+    /// The case is closed, so nobody signs or corrects what is signed; nothing has changed.
     Closed,
     /// There is no such case.
     NoSuchCase,

@@ -17,12 +17,16 @@ export interface ListedReading {
   readonly is_shown: boolean;
 }
 
-export interface Reading {
+/** What a reader writes. */
+export interface Written {
+  readonly conclusion: string;
+}
+
+export interface Reading extends Written {
   readonly reader: string;
   readonly version: number;
   readonly state: "open" | "signed";
   readonly signed_at?: string;
-  readonly conclusion: string;
   readonly findings: readonly Finding[];
 }
 

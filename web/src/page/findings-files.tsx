@@ -60,7 +60,7 @@ async function save({ findings, shown }: Store, name: string, make: () => Promis
 async function add({ findings, shown }: Store, file: File): Promise<void> {
   const { status, sync } = findings;
   status.value = t("export.working");
-  const before = sync.list.peek();
+  const before = sync.value.peek();
   let all: ReturnType<typeof joined> = { list: before, doubled: 0 };
   try {
     if ((await file.slice(128, 132).text()) === "DICM")
@@ -77,7 +77,7 @@ async function add({ findings, shown }: Store, file: File): Promise<void> {
   // What others have added meanwhile is not taken back with the file.
   const known = new Set(before.map(({ id }) => id));
   const ids = new Set(all.list.map(({ id }) => id).filter((id) => !known.has(id)));
-  const taken = sync.list.peek().filter(({ id }) => ids.has(id));
+  const taken = sync.value.peek().filter(({ id }) => ids.has(id));
   findings.did(before, [...before, ...taken]);
   if (all.doubled > 0) findings.doubled.value = t("findings.otherwise", { count: number(all.doubled) });
   const count = number(taken.length);

@@ -59,10 +59,10 @@ function Own({ store }: OfStore) {
           rows={4}
           placeholder={t("reading.conclusion")}
           aria-label={t("reading.conclusion")}
-          value={reading.conclusion.value}
+          value={reading.value.value.conclusion}
           most={LONGEST_CONCLUSION}
           excessWords={(values) => t("reading.excess", values)}
-          onType={(typed) => reading.write(typed)}
+          onType={(conclusion) => reading.change({ conclusion })}
         />
       </fieldset>
       {mine && isSigned && (
@@ -70,7 +70,7 @@ function Own({ store }: OfStore) {
           {t("reading.signed", { version: number(mine.version), reader: nameOf(mine), at: momentOf(mine) })}
         </p>
       )}
-      {isSigned && !reading.isKept.value && <Quiet>{t("reading.unsigned")}</Quiet>}
+      {reading.isAhead.value && <Quiet>{t("reading.unsigned")}</Quiet>}
       <Status id="reading-status" words={reading.status.value} />
       {mine && !isSigned && (
         <Quiet>

@@ -2,9 +2,7 @@
 
 import { type ReadonlySignal, type Signal, computed, effect, signal, untracked } from "@preact/signals";
 
-import { Problem } from "../base/api.ts";
-import { number, t } from "../base/i18n.ts";
-import { problemWords } from "../base/problem-words.ts";
+import { t } from "../base/i18n.ts";
 import {
   type Finding,
   type Judgement,
@@ -28,6 +26,7 @@ import type { ViewState } from "../model/state.ts";
 import { announce, note } from "./announce.ts";
 import { FindingsSync } from "./findings-sync.ts";
 import { preferences } from "./preferences.ts";
+import { resumed } from "./sync.ts";
 import type { View } from "./view.ts";
 
 interface Step {
@@ -35,9 +34,6 @@ interface Step {
   readonly after: readonly Finding[];
   readonly at_ms: number;
 }
-
-/** What the server has not got yet of cases that were left, by case: it is sent again and again, and shown again. */
-const UNSENT = new Map<string, FindingsSync>();
 
 /** How often what others have changed is asked for while the page is looked at, in ms. */
 const LOOK_MS = 5000;
@@ -50,9 +46,9 @@ export class Findings {
   readonly sync: FindingsSync;
   readonly list: ReadonlySignal<readonly Finding[]>;
   /** Where the findings are, or what became of a file. */
-  readonly status = signal("");
+  readonly status: Signal<string>;
   /** That two readers changed the same: it stands until one of the findings is taken out. */
-  readonly doubled = signal("");
+  readonly doubled: Signal<string>;
   /** The finding whose name is to be written now. */
   readonly written = signal<string | null>(null);
   /** What the finding is known by that is unfolded in the list. */
@@ -77,9 +73,7 @@ export class Findings {
   #flows: Flows | null = null;
   #walking = 0;
   /** Whether all that is stored is here. */
-  readonly isRead = signal(false);
-  /** Whether what is stored could not be read, which is said. */
-  #isUnread = false;
+  readonly isRead: ReadonlySignal<boolean>;
   readonly #ends: readonly (() => void)[];
   readonly #looking: number;
 
@@ -87,17 +81,13 @@ export class Findings {
     this.#view = view;
     this.#depths = depths;
     this.#depthAt = depthAt;
-    const { id } = view.shown;
-    this.sync = UNSENT.get(id) ?? new FindingsSync(id);
-    this.list = this.sync.list;
-    const { kept, doubled } = this.sync;
+    const path = `v1/cases/${view.shown.id}/findings`;
+    this.sync = resumed(path, () => new FindingsSync(path));
+    this.list = this.sync.value;
+    this.status = this.sync.status;
+    this.doubled = this.sync.doubled;
+    this.isRead = this.sync.isRead;
     this.#ends = [
-      effect(() => {
-        if (kept.value) this.#tell(kept.value.kept, kept.value.problem);
-      }),
-      effect(() => {
-        if (doubled.value) this.doubled.value = t("findings.doubled", { count: number(doubled.value.count) });
-      }),
       effect(() => this.#draw()),
       // Where the mark comes to a finding, that one is unfolded.
       effect(() => {
@@ -108,63 +98,21 @@ export class Findings {
         this.unfold(found);
       }),
     ];
-    addEventListener("beforeunload", this.#leave);
-    document.addEventListener("visibilitychange", this.#turn);
     this.#looking = window.setInterval(() => {
       if (!document.hidden) this.sync.look().catch(() => {});
     }, LOOK_MS);
   }
 
   /** Whether what is stored could be read. */
-  async load(): Promise<boolean> {
-    try {
-      await this.sync.load();
-      if (this.#isUnread) this.status.value = "";
-      this.#isUnread = false;
-      this.isRead.value = true;
-    } catch (problem) {
-      this.#isUnread = true;
-      this.status.value = problemWords(problem);
-    }
-    return !this.#isUnread;
+  load(): Promise<boolean> {
+    return this.sync.load();
   }
 
   dispose(): void {
     clearTimeout(this.#walking);
     clearInterval(this.#looking);
     for (const end of this.#ends) end();
-    const { id } = this.#view.shown;
-    UNSENT.set(id, this.sync);
-    const forget = (): void => {
-      UNSENT.delete(id);
-      removeEventListener("beforeunload", this.#leave);
-    };
-    // Whoever closes the page is warned as long as the server has not got all of it; of a case that is deleted nothing is left.
-    this.sync.flush().then(forget, (problem: unknown) => {
-      if (problem instanceof Problem && problem.status === 404) forget();
-    });
-    document.removeEventListener("visibilitychange", this.#turn);
-  }
-
-  readonly #leave = (event: Event): void => {
-    if (this.sync.isKept) return;
-    event.preventDefault();
-    // It may be there before the reader has answered.
-    this.sync.flush().catch(() => {});
-  };
-
-  readonly #turn = (): void => {
-    if (!document.hidden) void this.load();
-    // Nothing may be left of a page in the background.
-    else this.sync.flush().catch(() => {});
-  };
-
-  #tell(kept: string, problem: unknown): void {
-    if (kept === "kept") this.status.value = t("findings.kept");
-    else if (kept !== "sending")
-      this.status.value = t(kept === "refused" ? "findings.refused" : "findings.unsent", {
-        why: problemWords(problem),
-      });
+    this.sync.dispose();
   }
 
   // -- What a reader does

@@ -6,133 +6,104 @@ import { Problem, ask, send } from "../base/api.ts";
 import { t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { type Finding, areSame } from "../model/findings.ts";
-import { LONGEST_CONCLUSION, type ListedReading, type Reading as Kept } from "../model/readings.ts";
+import { LONGEST_CONCLUSION, type ListedReading, type Reading as Kept, type Written } from "../model/readings.ts";
 import { plainText } from "../model/text.ts";
 import { announce } from "./announce.ts";
-import { isNamed, mayWrite } from "./holder.ts";
-
-/** What the server has not got yet of cases that were left, by path: it is sent again and again, and shown again. */
-const UNSENT = new Map<string, Reading>();
-
-/** How long the hand may rest before the conclusion is sent, and before it is sent again, in ms. */
-const REST_MS = 500;
-const AGAIN_MS = 5000;
+import { holder, isNamed, mayWrite } from "./holder.ts";
+import { Sync, resumed } from "./sync.ts";
 
 /** What is signed: what was shown when the reader was asked. */
-export interface Seen {
-  readonly conclusion: string;
+export interface Seen extends Written {
   readonly findings: readonly Finding[];
 }
 
-interface Stored {
-  readonly reading: Kept;
-  readonly tag: string;
-}
-
-export class Reading {
-  readonly #path: string;
+export class Reading extends Sync<Written> {
   /** The findings of the case as they are shown. */
   #findings: ReadonlySignal<readonly Finding[]>;
   /** Who has read the case. */
   readonly all = signal<readonly ListedReading[]>([]);
-  readonly #stored = signal<Stored | null>(null);
   /** One's own, as the server has it; null: not known yet, or one has no name. */
-  readonly mine = computed(() => this.#stored.value?.reading ?? null);
+  readonly mine = signal<Kept | null>(null);
   readonly isSigned = computed(() => this.mine.value?.state === "signed");
   /** Whether there is a reading to report: something is concluded. */
-  readonly isBegun = computed(() => this.conclusion.value.trim() !== "");
-  readonly conclusion = signal("");
-  /** Whether the server has what was typed. */
-  readonly isKept = computed(() => !this.mine.value || this.mine.value.conclusion === plain(this.conclusion.value));
-  /** Where the conclusion is. */
-  readonly status = signal("");
+  readonly isBegun = computed(() => isConcluded(this.value.value));
+  /** Whether something is written that the signed version has not. */
+  readonly isAhead = computed(() => this.isSigned.value && !this.areSame(this.value.value, this.stored.value.value));
   /** Whether a signature or a correction is on its way. */
   readonly isBusy = signal(false);
-  #timer = 0;
-  /** Whether what is stored could not be read, which is said. */
-  #isUnread = false;
-  #last: Promise<unknown> = Promise.resolve();
+  /** What readers have written who had the page before, by reader, and which is shown to nobody else. */
+  readonly #others = new Map<string, Written>();
 
   private constructor(path: string, findings: ReadonlySignal<readonly Finding[]>) {
-    this.#path = path;
+    super(path, { conclusion: "" });
     this.#findings = findings;
   }
 
   /** The reading of a case that is opened. */
   static of(id: string, findings: ReadonlySignal<readonly Finding[]>): Reading {
-    const path = `v1/cases/${id}/readings`;
-    const reading = UNSENT.get(path) ?? new Reading(path, findings);
-    UNSENT.delete(path);
+    const path = `v1/cases/${id}/readings/mine`;
+    const reading = resumed(`${path} ${holder.peek()?.name}`, () => new Reading(path, findings));
     reading.#findings = findings;
-    addEventListener("beforeunload", reading.#leave);
-    document.addEventListener("visibilitychange", reading.#turn);
     return reading;
   }
 
-  /** What was not sent is sent now; without a server, again and again, and whoever closes the page is warned as long. */
-  dispose(): void {
-    document.removeEventListener("visibilitychange", this.#turn);
-    UNSENT.set(this.#path, this);
-    this.#sendIn(0);
+  protected override get key(): string {
+    return `${this.path} ${this.mine.peek()?.reader}`;
   }
 
-  get #typed(): string {
-    return plain(this.conclusion.peek());
+  protected override get isOpen(): boolean {
+    return !this.isSigned.peek();
+  }
+
+  protected override areSame(one: Written, other: Written): boolean {
+    return plain(one) === plain(other);
+  }
+
+  protected override joined(base: Written, here: Written, there: Written): Written {
+    if (this.areSame(here, base)) return there;
+    if (this.areSame(there, base) || this.areSame(there, here)) return here;
+    return { conclusion: [there, here].map(plain).filter(Boolean).join("\n\n") };
+  }
+
+  protected override bodyOf(written: Written): Seen {
+    return { conclusion: plain(written), findings: isConcluded(written) ? this.#findings.peek() : [] };
+  }
+
+  protected override valueOf(answer: unknown): Written {
+    const reading = answer as Kept;
+    const before = this.mine.peek()?.reader;
+    if (before && before !== reading.reader) {
+      this.#others.set(before, this.value.peek());
+      this.value.value = this.#others.get(reading.reader) ?? this.stored.peek().value;
+    }
+    this.mine.value = reading;
+    return reading;
+  }
+
+  /** Reads who has read the case, and one's own reading, if one has a name. */
+  protected override async readAll(): Promise<void> {
+    const { readings } = await ask<{ readonly readings: readonly ListedReading[] }>(this.path.replace(/\/mine$/, ""));
+    this.all.value = readings;
+    if (isNamed.peek() && mayWrite.peek()) await super.readAll();
   }
 
   /** What is shown now, to be signed. */
   get seen(): Seen {
-    return { conclusion: this.#typed, findings: this.#findings.peek() };
-  }
-
-  /** Reads who has read the case, and one's own reading, if one has a name. */
-  async load(): Promise<void> {
-    const isRead = await this.#tell(async () => {
-      this.all.value = (await ask<{ readonly readings: readonly ListedReading[] }>(this.#path)).readings;
-      if (isNamed.peek() && mayWrite.peek() && this.isKept.peek()) await this.#inTurn(() => this.#read());
-    });
-    if (isRead && this.#isUnread) this.status.value = "";
-    this.#isUnread = !isRead;
-  }
-
-  /** Keeps what is typed as soon as the hand rests. */
-  write(conclusion: string): void {
-    this.conclusion.value = conclusion;
-    this.#sendIn(REST_MS);
-  }
-
-  /** Sends the conclusion, with the findings as they are shown; beside a signed one it waits for a correction. */
-  async flush(): Promise<void> {
-    clearTimeout(this.#timer);
-    try {
-      await this.#inTurn(async () => {
-        if (!this.isKept.peek() && !this.isSigned.peek()) await this.#keep();
-      });
-      if (this.isKept.peek()) this.#forget();
-    } catch (problem) {
-      // Of a case that is deleted nothing is left.
-      if (problem instanceof Problem && problem.status === 404) this.#forget();
-      throw problem;
-    }
-  }
-
-  #forget(): void {
-    if (UNSENT.get(this.#path) !== this) return;
-    UNSENT.delete(this.#path);
-    removeEventListener("beforeunload", this.#leave);
+    return this.bodyOf(this.value.peek());
   }
 
   /** Signs what was seen; whether it is signed now. */
   sign(seen: Seen): Promise<boolean> {
-    clearTimeout(this.#timer);
     return this.#act(async () => {
-      await this.#keep();
-      // What another window or another reader wrote was not read by whoever signs.
-      const { conclusion, findings } = this.seen;
-      if (conclusion !== seen.conclusion || !areSame(findings, seen.findings))
-        throw new Problem(412, "reading-changed", "");
-      const headers = { "if-match": this.#stored.peek()?.tag ?? "" };
-      await this.#take(await send(`${this.#path}/mine/signature`, { method: "POST", headers }));
+      await this.push(true);
+      await this.inTurn(async () => {
+        // What another window or another reader wrote was not read by whoever signs.
+        const now = this.seen;
+        if (!this.areSame(now, seen) || !areSame(now.findings, seen.findings))
+          throw new Problem(412, "reading-changed", "");
+        const headers = { "if-match": this.stored.peek().tag };
+        this.adopt(await this.heard(await send(`${this.path}/signature`, { method: "POST", headers })));
+      });
       announce(t("reading.done"));
     });
   }
@@ -141,106 +112,30 @@ export class Reading {
   async reported(): Promise<string | null> {
     const mine = this.mine.peek();
     if (!mine || !this.isBegun.peek()) return null;
-    if (mine.state === "open") await this.#inTurn(() => this.#keep());
+    if (this.isOpen) await this.push(true);
     return mine.reader;
   }
 
   /** Begins the next version of what is signed. */
   correct(): Promise<boolean> {
-    return this.#act(() => this.#keep());
-  }
-
-  readonly #leave = (event: Event): void => {
-    if (this.isKept.peek()) return;
-    event.preventDefault();
-    this.flush().catch(() => {});
-  };
-
-  /** Nothing may be left of a page in the background. */
-  readonly #turn = (): void => {
-    if (document.hidden) this.flush().catch(() => {});
-  };
-
-  #act(work: () => Promise<void>): Promise<boolean> {
-    this.isBusy.value = true;
-    const done = this.#tell(() => this.#inTurn(work));
-    return done.finally(() => {
-      this.isBusy.value = false;
-      void this.load();
-    });
+    return this.#act(() => this.push(true));
   }
 
   /** Does something, or says why it cannot be done. */
-  async #tell(work: () => Promise<void>): Promise<boolean> {
+  async #act(work: () => Promise<void>): Promise<boolean> {
+    this.isBusy.value = true;
     try {
       await work();
       return true;
     } catch (problem) {
       this.status.value = problemWords(problem);
       return false;
+    } finally {
+      this.isBusy.value = false;
+      void this.load();
     }
-  }
-
-  #inTurn<Done>(work: () => Promise<Done>): Promise<Done> {
-    const turn = this.#last.then(work);
-    this.#last = turn.catch(() => {});
-    return turn;
-  }
-
-  #sendIn(ms: number): void {
-    clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => void this.flush().catch(() => {}), ms) as unknown as number;
-  }
-
-  async #read(): Promise<void> {
-    await this.#take(await send(`${this.#path}/mine`, { cache: "no-cache" }));
-  }
-
-  async #keep(): Promise<void> {
-    try {
-      await this.#insist();
-      this.status.value = t("findings.kept");
-    } catch (problem) {
-      const isAway = !(problem instanceof Problem) || problem.status === 0 || problem.status >= 429;
-      this.status.value = t("findings.unsent", { why: problemWords(problem) });
-      if (isAway) this.#sendIn(AGAIN_MS);
-      throw problem;
-    }
-  }
-
-  /** Sends the conclusion; where another window was faster, what is there now stands before what was typed here. */
-  async #insist(): Promise<void> {
-    if (!this.#stored.peek()) await this.#read();
-    const base = this.mine.peek()?.conclusion;
-    try {
-      await this.#put();
-    } catch (problem) {
-      if (!(problem instanceof Problem) || problem.status !== 412) throw problem;
-      await this.#read();
-      const there = this.mine.peek();
-      if (!there || there.state === "signed") throw problem;
-      if (there.conclusion !== base && !this.isKept.peek())
-        this.conclusion.value = [there.conclusion, this.#typed].filter((text) => text !== "").join("\n\n");
-      await this.#put();
-    }
-  }
-
-  async #put(): Promise<void> {
-    const headers = { "if-match": this.#stored.peek()?.tag ?? "", "content-type": "application/json" };
-    const sent = this.seen;
-    const body = JSON.stringify(sent);
-    const keepalive = body.length < 20_000;
-    await this.#take(await send(`${this.#path}/mine`, { method: "PUT", headers, body, keepalive }), sent.conclusion);
-  }
-
-  /** Takes over what the server has; what was typed after `known` stays. */
-  async #take(answer: Response, known = this.mine.peek()?.conclusion ?? ""): Promise<void> {
-    const reading = (await answer.json()) as Kept;
-    // A proxy that compresses makes a weak tag of a strong one.
-    const tag = (answer.headers.get("etag") ?? "").replace(/^W\//, "");
-    this.#stored.value = { reading, tag };
-    if (this.#typed === known && known !== reading.conclusion) this.conclusion.value = reading.conclusion;
   }
 }
 
-const plain = (text: string): string => plainText(text, LONGEST_CONCLUSION);
+const plain = ({ conclusion }: Written): string => plainText(conclusion, LONGEST_CONCLUSION);
+const isConcluded = ({ conclusion }: Written): boolean => conclusion.trim() !== "";

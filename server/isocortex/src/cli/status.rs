@@ -143,7 +143,8 @@ impl From<Error> for CliError {
             Error::NoSuchCase
             | Error::NoSuchLayer
             | Error::NoSuchReading
-            | Error::ReadingHidden => ExitStatus::NoInput,
+            | Error::ReadingHidden
+            | Error::ReadingSigned => ExitStatus::NoInput,
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
                 ExitStatus::Unavailable
             }

@@ -250,7 +250,7 @@ pub async fn get_own_reading(
         (status = 200, description = "The reading as it is now, with the sides and times that the server adds", body = ShownReading, headers(("ETag" = String, description = "The new one"))),
         (status = 400, description = "The body is invalid; `parameter` states where"),
         (status = 403, description = "Whoever asks has no name (`reader-unnamed`)"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or it is closed and the reading is signed: nobody could sign a correction (`closed`)"),
         (status = 412, description = "The reading has changed; the answer has it as it is", body = ReadingChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 413, description = "The body is larger than 4 MiB"),
         (status = 428, description = "`If-Match` is missing"),
@@ -284,8 +284,8 @@ pub async fn put_own_reading(
     responses(
         (status = 200, description = "The reading, signed", body = ShownReading, headers(("ETag" = String, description = "The new one"))),
         (status = 400, description = "Nothing is concluded (`reading-invalid`)"),
-        (status = 403, description = "Whoever asks has no name (`reader-unnamed`)"),
-        (status = 409, description = "The case is closed (`closed`)"),
+        (status = 403, description = "Whoever asks has no name, or a proxy states one that only its digest is known of (`reader-unnamed`)"),
+        (status = 409, description = "The case is closed (`closed`), or this version is signed already (`reading-signed`); nothing is signed twice"),
         (status = 412, description = "The reading has changed; the answer has it as it is", body = ReadingChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 428, description = "`If-Match` is missing"),
     )
@@ -299,6 +299,11 @@ pub async fn sign_own_reading(
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
     let reader = named(&holder)?;
+    if !holder.is_readable() {
+        return Err(unnamed(
+            "nobody could read who has signed: the proxy states a name with spaces, with letters beyond ASCII or of more than 128 characters; let `proxy.user_header` name a header with a plain name, such as the account",
+        ));
+    }
     let known = known_tags(&request).ok_or_else(precondition_required)?;
     answer(cases.sign_reading(&id, reader, &known).await)
 }
@@ -307,10 +312,12 @@ pub async fn sign_own_reading(
 pub(super) fn named(holder: &Holder) -> Result<&str, AppError> {
     match holder.is_named() {
         true => Ok(&holder.name),
-        false => Err(AppError::new(
-            StatusCode::FORBIDDEN,
-            "reader-unnamed",
+        false => Err(unnamed(
             "a reading is kept and signed by a named reader; sign in by a proxy, or use a token with a name",
         )),
     }
+}
+
+fn unnamed(detail: &'static str) -> AppError {
+    AppError::new(StatusCode::FORBIDDEN, "reader-unnamed", detail)
 }

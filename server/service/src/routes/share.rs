@@ -10,8 +10,8 @@ use axum::response::Response;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use bytes::Bytes;
+use case::findings::Finding;
 use case::{CaseFacts, CaseId, SurfaceName};
-use cases::report::AskedReport;
 use cases::{Cases, Error};
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -48,7 +48,7 @@ const MARK: &str = "<!--contents-->";
 /// An HTML file of 12 MB at most, to be opened from a disk. It runs nothing and loads nothing but what it holds: the page reduced to
 /// looking, with the depth, the directions, the mirrored side, the slices, the findings and the words of the report. Its pixels are those of the
 /// page. Where the acquisition is too large for the file, it has the intensities around the brain, and where those are, too, in 256
-/// steps; it then states so. It names the patient only on request; no cache may store it then.
+/// steps; it then states so. It names the patient, and has the label of the case, only on request; no cache may store it then.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/share", tag = "findings",
     params(("id" = String, Path, description = "The case"), ReportKeys),
@@ -71,9 +71,21 @@ pub async fn get_share(
     let report = asked
         .report(&cases, &id, &holder, ReportFormat::Text)
         .await?;
-    let names_patient = report.query.patient;
-    let shared = Shared::gather(&cases, &id, report).await?;
+    let query = report.query.clone();
+    let names_patient = query.patient;
+    let findings = match &report.reading {
+        Some((kept, _)) => kept.reading.findings.clone(),
+        None => cases.findings(&id).await?.list,
+    };
+    let words = Words {
+        query,
+        findings,
+        // It takes turns of its own.
+        report: cases.report(&id, report).await?,
+    };
+    // What is loaded is bounded by the turns. Nothing within one takes another.
     let turn = cases.queue.turn().await?;
+    let shared = Shared::gather(&cases, &id, words).await?;
     let file = turn.run(move || shared.write(MOST_BYTES)).await?;
     let body = file.ok_or_else(too_large)?;
     let mut headers = HeaderMap::new();
@@ -106,6 +118,16 @@ fn too_large() -> AppError {
     AppError::new(StatusCode::CONFLICT, "too-large-to-share", detail)
 }
 
+/// What a file says of the case.
+struct Words {
+    query: ReportQuery,
+    findings: Vec<Finding>,
+    report: Bytes,
+}
+
+/// Makes a texture, which may read all voxels: not on an async thread.
+type MakeTexture = Box<dyn FnOnce() -> Texture + Send>;
+
 /// What a file holds, before it is compressed.
 struct Shared {
     id: CaseId,
@@ -118,7 +140,7 @@ struct Shared {
     findings: Value,
     depths: Texture,
     /// From the best on: the first one that fits is taken.
-    volumes: Vec<(VolumeForm, Texture)>,
+    volumes: Vec<(VolumeForm, MakeTexture)>,
     /// The surfaces of parts of the brain, as many as fit; none if the case has only that of the whole brain.
     parts: Vec<(SurfaceName, Value, Texture)>,
 }
@@ -141,27 +163,26 @@ impl VolumeForm {
 }
 
 impl Shared {
-    async fn gather(cases: &Cases, id: &CaseId, asked: AskedReport<'_>) -> Result<Self, AppError> {
+    async fn gather(cases: &Cases, id: &CaseId, words: Words) -> Result<Self, AppError> {
         let facts = cases.ready(id).await?;
-        let ReportQuery { language, patient } = asked.query;
-        let findings = match &asked.reading {
-            Some((kept, _)) => kept.reading.findings.clone(),
-            None => cases.findings(id).await?.list,
-        };
-        let report = cases.report(id, asked);
+        let Words {
+            query,
+            findings,
+            report,
+        } = words;
         Ok(Self {
             id: *id,
-            language,
-            report: report.await?,
-            patient: match patient {
+            language: query.language,
+            report,
+            patient: match query.patient {
                 true => patient_of(cases.shown_patient(id).await?),
                 false => String::new(),
             },
-            case: described(cases, id, SurfaceName::Whole).await?,
+            case: described(cases, id, SurfaceName::Whole, query.patient).await?,
             findings: json!({ "findings": findings }),
             depths: wire::depth_texture(&cases.model(id).await?),
             volumes: volumes(cases, id, &facts).await?,
-            parts: parts(cases, id).await?,
+            parts: parts(cases, id, query.patient).await?,
         })
     }
 
@@ -175,8 +196,8 @@ impl Shared {
             room.texture("/distance", self.depths)?,
         ];
         let mut volumes = self.volumes.into_iter();
-        let (volume, packed) = volumes
-            .find_map(|(form, texture)| Some((form, room.texture(&form.path(), texture)?)))?;
+        let (volume, packed) =
+            volumes.find_map(|(form, make)| Some((form, room.texture(&form.path(), make())?)))?;
         answers.push(packed);
         let parts = self.parts.into_iter().map_while(|(part, case, depths)| {
             let query = format!("?surface={}", part.name());
@@ -290,7 +311,12 @@ fn in_html(value: &Value) -> String {
 }
 
 /// A case as `GET /v1/cases/{id}` describes it, without what leads to the server or to other cases.
-async fn described(cases: &Cases, id: &CaseId, surface: SurfaceName) -> Result<Value, AppError> {
+async fn described(
+    cases: &Cases,
+    id: &CaseId,
+    surface: SurfaceName,
+    names_patient: bool,
+) -> Result<Value, AppError> {
     let view = view_of_surface(cases, id, surface).await?;
     // By way of the text that is sent, in which numbers are as short as they are there.
     let sent = serde_json::to_vec(&view).map_err(|_| Error::Internal)?;
@@ -298,6 +324,10 @@ async fn described(cases: &Cases, id: &CaseId, surface: SurfaceName) -> Result<V
     if let Some(fields) = case.as_object_mut() {
         for name in ["links", "previous", "next", "expires_at"] {
             fields.remove(name);
+        }
+        // A label may be a name.
+        if !names_patient {
+            fields.insert("name".to_owned(), Value::Null);
         }
     }
     Ok(case)
@@ -321,35 +351,40 @@ async fn volumes(
     cases: &Cases,
     id: &CaseId,
     facts: &CaseFacts,
-) -> Result<Vec<(VolumeForm, Texture)>, AppError> {
-    let form = |bits, extent| VolumeForm { bits, extent };
+) -> Result<Vec<(VolumeForm, MakeTexture)>, AppError> {
+    fn of(
+        bits: u8,
+        extent: Extent,
+        make: impl FnOnce() -> Texture + Send + 'static,
+    ) -> (VolumeForm, MakeTexture) {
+        (VolumeForm { bits, extent }, Box::new(make))
+    }
     let model = cases.model(id).await?;
     let mut volumes = Vec::new();
     if facts.native_size.iter().product::<usize>() <= MOST_VOXELS {
         let whole = cases.whole_volume(id).await?;
-        volumes.push((form(16, Extent::Whole), wire::volume_texture(whole, None)));
+        let whole = move || wire::volume_texture(whole, None);
+        volumes.push(of(16, Extent::Whole, whole));
     }
-    let coarse = wire::quick_range(facts);
-    volumes.extend([
-        (
-            form(16, Extent::Envelope),
-            wire::volume_texture(model.clone(), None),
-        ),
-        (
-            form(8, Extent::Envelope),
-            wire::volume_texture(model, Some(coarse)),
-        ),
-    ]);
+    let (fine, coarse) = (model.clone(), wire::quick_range(facts));
+    let fine = move || wire::volume_texture(fine, None);
+    let coarse = move || wire::volume_texture(model, Some(coarse));
+    volumes.push(of(16, Extent::Envelope, fine));
+    volumes.push(of(8, Extent::Envelope, coarse));
     Ok(volumes)
 }
 
-async fn parts(cases: &Cases, id: &CaseId) -> Result<Vec<(SurfaceName, Value, Texture)>, AppError> {
+async fn parts(
+    cases: &Cases,
+    id: &CaseId,
+    names_patient: bool,
+) -> Result<Vec<(SurfaceName, Value, Texture)>, AppError> {
     let mut parts = Vec::new();
     for part in [SurfaceName::Left, SurfaceName::Right, SurfaceName::Cerebrum] {
         match cases.surface(id, part).await {
             Ok(model) => parts.push((
                 part,
-                described(cases, id, part).await?,
+                described(cases, id, part, names_patient).await?,
                 wire::depth_texture(&model),
             )),
             Err(Error::NoSurfaces(_)) => return Ok(Vec::new()),
@@ -390,13 +425,16 @@ mod tests {
     /// A case with so many voxels along each side of its acquisition and of its brain.
     fn shared(whole: usize, brain: usize) -> Shared {
         let form = |bits, extent| VolumeForm { bits, extent };
-        let of = |bits, side: usize| match bits {
-            8 => texture(noise(side), "u8", side),
-            _ => texture(
-                noise(side).into_iter().flat_map(|low| [low, 3]).collect(),
-                "u16",
-                side,
-            ),
+        let of = |bits, side: usize| -> MakeTexture {
+            let texture = match bits {
+                8 => texture(noise(side), "u8", side),
+                _ => texture(
+                    noise(side).into_iter().flat_map(|low| [low, 3]).collect(),
+                    "u16",
+                    side,
+                ),
+            };
+            Box::new(move || texture)
         };
         Shared {
             id: CaseId::parse("0123456789abcdef0123456789abcdef").unwrap(),

@@ -53,6 +53,16 @@ async fn sign(server: &Server, who: &str, case: &str, tag: &str) -> Answer {
     server.ask(Method::POST, &address, &headers, "").await
 }
 
+/// Closes a case, as a correction of its images does.
+async fn close(server: &Server, case: &str) {
+    let id = CaseId::parse(case.rsplit('/').next().unwrap()).unwrap();
+    let (mut transaction, _) = server.cases.store().write().await.unwrap();
+    let close = "UPDATE cases SET closed = 1 WHERE id = $1";
+    let closed = transaction.execute(close, storage::args![id.to_string()]);
+    closed.await.unwrap();
+    transaction.commit().await.unwrap();
+}
+
 /// Keeps a reading that was not begun.
 async fn begun(server: &Server, who: &str, case: &str, reading: &Value) -> Answer {
     let none = get(server, who, &format!("{case}/readings/mine")).await;
@@ -104,7 +114,7 @@ async fn a_signed_version_stays_and_a_correction_is_the_next() {
     assert!(signed.json()["signed_at"].is_string());
     assert_ne!(signed.header("etag"), kept.header("etag"));
     let again = sign(&server, ANA, &case, signed.header("etag")).await;
-    assert_eq!((again.status, again.json()), (200, signed.json()));
+    assert_eq!(again.refusal(), (409, "reading-signed".to_owned()));
     // Who does not know that it is signed changes nothing.
     let other = json!({ "conclusion": "Nothing", "findings": [] });
     let late = put(&server, ANA, &case, kept.header("etag"), &other).await;
@@ -230,6 +240,63 @@ async fn who_has_no_name_keeps_and_signs_nothing() {
 }
 
 #[tokio::test]
+async fn a_reading_that_is_emptied_leaves_the_case_as_it_was() {
+    let (server, case, finding) = with_readers().await;
+    let status = async || {
+        let headers = [("authorization", ANA)];
+        let body = json!({ "patients": false }).to_string();
+        let found = server
+            .ask(Method::POST, "/v1/cases/search", &headers, body)
+            .await;
+        found.json()["cases"][0]["status"].clone()
+    };
+    let full = json!({ "conclusion": "Thick", "findings": [finding] });
+    let empty = json!({ "conclusion": " \n", "findings": [] });
+    let kept = begun(&server, ANA, &case, &full).await;
+    assert_eq!(status().await, "begun");
+    let emptied = put(&server, ANA, &case, kept.header("etag"), &empty).await;
+    assert_eq!(emptied.json()["conclusion"], "");
+    assert_eq!(status().await, "new");
+    let kept = put(&server, ANA, &case, emptied.header("etag"), &full).await;
+    let signed = sign(&server, ANA, &case, kept.header("etag")).await;
+    let correction = put(&server, ANA, &case, signed.header("etag"), &full).await;
+    assert_eq!(status().await, "begun");
+    put(&server, ANA, &case, correction.header("etag"), &empty).await;
+    assert_eq!(status().await, "signed");
+}
+
+#[tokio::test]
+async fn nobody_writes_into_the_reading_of_another_one_on_the_same_page() {
+    let (server, case, _) = with_readers().await;
+    let address = format!("{case}/readings/mine");
+    let of_ana = get(&server, ANA, &address).await;
+    let reading = json!({ "conclusion": "of Ana", "findings": [] });
+    let refused = put(&server, BEN, &case, of_ana.header("etag"), &reading).await;
+    assert_eq!(refused.refusal(), (412, "reading-changed".to_owned()));
+}
+
+#[tokio::test]
+async fn whose_name_nobody_can_read_signs_nothing() {
+    let (server, case, _) = with_readers().await;
+    let digest = "proxy:0123456789abcdef0123456789abcdef";
+    let bearer = "Bearer token-of-digest-";
+    let token = NamedToken {
+        holder: Holder {
+            name: digest.into(),
+            scopes: [Scope::Read, Scope::Write].into(),
+        },
+        ..unnamed(&bearer["Bearer ".len()..]).unwrap()
+    };
+    let server = server.opened_to(Access::with_tokens(vec![token]));
+    let reading = json!({ "conclusion": "Thick", "findings": [] });
+    let kept = begun(&server, bearer, &case, &reading).await;
+    let signed = sign(&server, bearer, &case, kept.header("etag")).await;
+    assert_eq!(signed.refusal(), (403, "reader-unnamed".to_owned()));
+    let detail = signed.json()["detail"].as_str().unwrap().to_owned();
+    assert!(detail.contains("proxy.user_header"), "{detail}");
+}
+
+#[tokio::test]
 async fn what_cannot_be_signed_is_refused() {
     let (server, case, finding) = with_readers().await;
     let none = get(&server, ANA, &format!("{case}/readings/mine")).await;
@@ -270,16 +337,22 @@ async fn what_cannot_be_signed_is_refused() {
     // A closed case is read and written about, and nobody signs it.
     let reading = json!({ "conclusion": "Nothing", "findings": [] });
     let kept = put(&server, ANA, &case, blank.header("etag"), &reading).await;
-    let id = CaseId::parse(case.rsplit('/').next().unwrap()).unwrap();
-    let (mut transaction, _) = server.cases.store().write().await.unwrap();
-    let close = "UPDATE cases SET closed = 1 WHERE id = $1";
-    transaction
-        .execute(close, storage::args![id.to_string()])
-        .await
-        .unwrap();
-    transaction.commit().await.unwrap();
+    close(&server, &case).await;
     let signed = sign(&server, ANA, &case, kept.header("etag")).await;
     assert_eq!(signed.refusal(), (409, "closed".to_owned()));
     let read = get(&server, ANA, &format!("{case}/readings/mine")).await;
     assert_eq!(read.json(), kept.json());
+}
+
+#[tokio::test]
+async fn what_is_signed_of_a_closed_case_is_not_corrected() {
+    let (server, case, _) = with_readers().await;
+    let reading = json!({ "conclusion": "Thick", "findings": [] });
+    let kept = begun(&server, ANA, &case, &reading).await;
+    let signed = sign(&server, ANA, &case, kept.header("etag")).await;
+    close(&server, &case).await;
+    let correction = put(&server, ANA, &case, signed.header("etag"), &reading).await;
+    assert_eq!(correction.refusal(), (409, "closed".to_owned()));
+    let read = get(&server, ANA, &format!("{case}/readings/mine")).await;
+    assert_eq!(read.json(), signed.json());
 }

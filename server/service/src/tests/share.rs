@@ -2,9 +2,11 @@
 
 use std::io::Read as _;
 
+use axum::http::Method;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use serde_json::Value;
+use case::CaseId;
+use serde_json::{Value, json};
 
 use super::report::mark;
 use super::server::{Server, head};
@@ -102,11 +104,51 @@ async fn the_file_holds_what_the_server_answers_and_runs_the_page_alone() {
 }
 
 #[tokio::test]
-async fn what_names_the_patient_is_kept_by_no_cache() {
+async fn nothing_is_loaded_for_a_file_before_its_turn() {
     let (server, case) = Server::with_case().await;
-    let shared = server.get(&format!("{case}/share?patient=true")).await;
-    assert_eq!(shared.status, 200, "{:?}", shared.headers);
-    assert_eq!(shared.header("cache-control"), "no-store");
+    let id = CaseId::parse(case.rsplit('/').next().unwrap()).unwrap();
+    let (queue, router) = (server.cases.queue.clone(), &server);
+    let all_waiting = async |count| {
+        while queue.waiting() != count {
+            tokio::task::yield_now().await;
+        }
+    };
+    let mut held = vec![queue.turn().await.unwrap(), queue.turn().await.unwrap()];
+    let address = format!("{case}/share");
+    let between = async {
+        // The report waits; who comes after it has the turn before the file.
+        all_waiting(1).await;
+        let mut next = Box::pin(queue.turn());
+        assert!(futures_util::poll!(&mut next).is_pending());
+        held.pop();
+        let next = next.await.unwrap();
+        all_waiting(1).await;
+        server.cases.delete(&id).await.unwrap();
+        drop((held, next));
+    };
+    let (shared, ()) = tokio::join!(router.get(&address), between);
+    assert_eq!(shared.refusal(), (404, "no-such-case".to_owned()));
+}
+
+#[tokio::test]
+async fn what_names_the_patient_is_kept_by_no_cache_and_has_the_label_alone() {
+    let (server, case) = Server::with_case().await;
+    let label = json!({ "name": "Ana Silva" }).to_string();
+    let renamed = server.ask(Method::PATCH, &case, &[], label).await;
+    assert_eq!(renamed.status, 200, "{renamed:?}");
+    for (query, cache, has_label) in [
+        ("", "private, no-cache", false),
+        ("?patient=true", "no-store", true),
+    ] {
+        let shared = server.get(&format!("{case}/share{query}")).await;
+        assert_eq!(shared.status, 200, "{:?}", shared.headers);
+        assert_eq!(shared.header("cache-control"), cache);
+        let html = std::str::from_utf8(&shared.body).unwrap();
+        assert_eq!(html.contains("Ana Silva"), has_label);
+        let (_, described) = &answers(html)[0];
+        let described: Value = serde_json::from_slice(described).unwrap();
+        assert_eq!(described["name"] == "Ana Silva", has_label);
+    }
 }
 
 #[tokio::test]

@@ -6,6 +6,9 @@ use crate::testing::{claim, rename};
 use crate::{CaseQuery, Listed, Order, Status, Store, WrittenReading};
 use case::{CaseChange, CaseId};
 
+/// A reading in which nothing is left.
+const EMPTY: &str = r#"{"conclusion":"","findings":[]}"#;
+
 async fn listed(store: &Store, query: CaseQuery) -> Vec<Listed> {
     store.cases(&query, None, 9).await.unwrap().cases
 }
@@ -104,6 +107,18 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
         store.sign_reading(&first, reading).await.unwrap();
         assert_eq!(of(Status::Begun).await, open);
         assert_eq!(of(Status::Signed).await, signed);
+    }
+    // What is left of a reading that was emptied is as if it had not been begun.
+    for (case, status) in [(first, Status::Signed), (second, Status::New)] {
+        let mut known = None;
+        for (document, expected) in [("{}", Status::Begun), (EMPTY, status)] {
+            let written = store.write_reading(&case, "cleo", known.as_ref(), document.to_owned());
+            let WrittenReading::Done(reading) = written.await.unwrap() else {
+                panic!("it is written")
+            };
+            assert!(of(expected).await.contains(&case), "{document}");
+            known = Some(reading);
+        }
     }
 
     let text = async |text: &str| {

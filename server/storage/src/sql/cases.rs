@@ -304,13 +304,14 @@ macro_rules! kept_findings {
     };
 }
 
-/// What is to be done with a case: one of [`Status`].
+/// What is to be done with a case: one of [`Status`]. A reading in which nothing is left is as one that was not begun.
 macro_rules! status {
     () => {
         "CASE state WHEN 'queued' THEN 'preparing' WHEN 'failed' THEN 'failed'
-         ELSE CASE WHEN EXISTS (SELECT 1 FROM readings WHERE readings.case_id = cases.id AND readings.signed_at IS NULL)
+         ELSE CASE WHEN EXISTS (SELECT 1 FROM readings WHERE readings.case_id = cases.id AND readings.signed_at IS NULL
+                                AND readings.document <> '{\"conclusion\":\"\",\"findings\":[]}')
               THEN 'begun'
-              WHEN EXISTS (SELECT 1 FROM readings WHERE readings.case_id = cases.id)
+              WHEN EXISTS (SELECT 1 FROM readings WHERE readings.case_id = cases.id AND readings.signed_at IS NOT NULL)
               THEN 'signed'
               WHEN EXISTS (SELECT 1 FROM findings WHERE findings.case_id = cases.id AND findings.document <> '[]')
               THEN 'begun' ELSE 'new' END END"

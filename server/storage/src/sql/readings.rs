@@ -114,8 +114,9 @@ impl Store {
             return Ok(WrittenReading::Changed);
         }
         let written = next(now)?;
-        let is_signed = written.state.signed_at.is_some();
-        if is_signed && cases::closed(&mut transaction, id).await?.is_some() {
+        let is_signed = |reading: &StoredReading| reading.state.signed_at.is_some();
+        let needs_open = is_signed(&written) || known.is_some_and(is_signed);
+        if needs_open && cases::closed(&mut transaction, id).await?.is_some() {
             return Ok(WrittenReading::Closed);
         }
         put(&mut transaction, id, &written).await?;
