@@ -102,6 +102,25 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
             .ends_with(gifti["id"].as_str().unwrap())
     );
 
+    // Two surfaces, as both hemispheres would be. The head has no folds so deep, so that nothing tells the sides.
+    let mesh = mesh.replace("depth_mm=8", "depth_mm=24");
+    let get = async |more: &str| server.get(&format!("{mesh}&{more}")).await.body;
+    let other = get("format=gifti").await;
+    let other_shape = get("format=gifti&values=intensity").await;
+    let both = [
+        ("surface", &surface[..]),
+        ("values", &shape[..]),
+        ("surface", &other[..]),
+        ("values", &other_shape[..]),
+    ];
+    let both = added(&server, &case, &both, json!({"name": "both"})).await;
+    assert_eq!(both["surface"]["vertices"], 2 * 3602);
+    let both = values(&server, &case, &both).await;
+    assert!(both.len() > own.len() * 5 / 4);
+    let deep = [("surface", &other[..]), ("values", &other_shape[..])];
+    let deep = added(&server, &case, &deep, json!({"name": "deep"})).await;
+    assert_eq!(deep["quality"], "review", "{deep}");
+
     // A picture shows it in colours.
     let picture = format!("{case}/render?depth_mm=8&view=left&width=200&height=200");
     let plain = server.get(&picture).await.body;
@@ -158,6 +177,31 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
             json!({"transform": "none"}),
             422,
             "surface-parameters",
+        ),
+        (
+            vec![("surface", &surface), ("values", &shape)],
+            json!({"series": 3}),
+            400,
+            "parameters-unreadable",
+        ),
+        (
+            vec![("surface", &surface), ("values", &shape)],
+            json!({"affine": "sform"}),
+            400,
+            "parameters-unreadable",
+        ),
+        // What can be told without the files is told first.
+        (
+            vec![("surface", &curv), ("values", &shape)],
+            json!({"name": " x "}),
+            422,
+            "name-unusable",
+        ),
+        (
+            vec![("surface", &curv), ("values", &shape)],
+            json!({"unit": "a unit that is longer than any"}),
+            422,
+            "unit-unusable",
         ),
         (
             vec![("surface", &surface), ("values", &shape)],
@@ -221,7 +265,7 @@ fn curv(values: &[f32]) -> Vec<u8> {
     .concat()
 }
 
-/// As FreeSurfer would write it, of a conformed volume whose middle lies at `c_ras`.
+/// A surface as FreeSurfer writes it, with the footer of a conformed volume that has its centre at `c_ras`.
 fn freesurfer(surface: &ValuedSurface, c_ras: DVec3, moved: impl Fn(DVec3) -> DVec3) -> Vec<u8> {
     let mut file = b"\xff\xff\xfewritten by a test\n\n".to_vec();
     let counts = [surface.positions_in_patient.len(), surface.triangles.len()];

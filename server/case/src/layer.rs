@@ -280,6 +280,9 @@ pub struct SurfaceFacts {
     /// The same of the mirrored surface.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mirrored_spread: Option<f32>,
+    /// The same of all copies of the mirrored surface that are moved by 6 mm along an axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mirrored_moved_spread: Option<f32>,
 }
 
 impl SurfaceFacts {
@@ -296,10 +299,12 @@ impl SurfaceFacts {
         Some(own < Self::FOLLOWS * mirrored)
     }
 
-    /// Whether its mirror image follows the cortex, and not the surface itself.
+    /// Whether its mirror image follows the cortex, and not the surface itself. The mirror image must fit where it lies, and not when it is
+    /// moved: along a surface without folds, or in even tissue, intensities tell nothing about sides.
     pub fn is_mirrored(&self) -> bool {
-        let both = self.spread.zip(self.mirrored_spread);
-        both.is_some_and(|(own, mirrored)| mirrored < Self::IS_MIRRORED * own)
+        let others = self.spread.zip(self.mirrored_moved_spread);
+        let both = others.zip(self.mirrored_spread);
+        both.is_some_and(|((own, moved), mirrored)| mirrored < Self::IS_MIRRORED * own.min(moved))
     }
 }
 

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
+use std::process::ExitStatus;
 
 use case::{Failure, FailureKind};
 use imaging::Limits;
@@ -84,19 +85,25 @@ impl SeriesReader {
             Err(Error::Failure(_)) => return Err(beyond_limits().into()),
             ended => ended?,
         };
-        let read = outcome(status, &output, ("surfaces", MAX_OUTCOME_BYTES));
-        let drawn: Drawn = read.map_err(|failure| match &*failure.name {
-            crate::READER_DIED => beyond_limits(),
-            _ => failure,
-        })?;
-        let largest = Spooled::START + 8 * limits.max_voxels as u64 + (1 << 20);
-        let is_number = |along: &f32| along.is_finite();
-        let is_sound = drawn.samples.as_flattened().iter().all(is_number)
-            && check_file(&output.path().join(VOLUME), largest).is_ok();
-        match is_sound {
-            true => Ok(SurfaceReading { output, drawn }),
-            false => Err(beyond_limits().into()),
-        }
+        let reading = tokio::task::spawn_blocking(move || take(status, output, &limits));
+        Ok(reading.await.map_err(|_| Error::NotRun)??)
+    }
+}
+
+/// The files of a child.
+fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<SurfaceReading, Failure> {
+    let read = outcome(status, &output, ("surfaces", MAX_OUTCOME_BYTES));
+    let drawn: Drawn = read.map_err(|failure| match &*failure.name {
+        crate::READER_DIED => beyond_limits(),
+        _ => failure,
+    })?;
+    let largest = Spooled::START + 8 * limits.max_voxels as u64 + (1 << 20);
+    let is_number = |along: &f32| along.is_finite();
+    let is_sound = drawn.samples.as_flattened().iter().all(is_number)
+        && check_file(&output.path().join(VOLUME), largest).is_ok();
+    match is_sound {
+        true => Ok(SurfaceReading { output, drawn }),
+        false => Err(beyond_limits()),
     }
 }
 

@@ -2,13 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use case::{CaseId, Failure, LayerKind, LayerParameters, SurfaceFacts, SurfaceName, Transform};
+use case::{
+    CaseId, Failure, Layer, LayerKind, LayerParameters, SurfaceFacts, SurfaceName, Transform,
+};
 use geometry::Volume;
 use glam::{DVec3, Vec3};
 use storage::Spooled;
 use worker::{SurfaceReading, Surfaces};
 
-use super::ReceivedLayer;
+use super::{ReceivedLayer, parameters_of};
 use crate::application::Cases;
 use crate::dicom::{Drawing, Options, Space};
 use crate::error::Error;
@@ -17,6 +19,9 @@ use crate::profile;
 
 /// The fewest vertices in the head that tell whether a surface follows the cortex.
 const LEAST_SAMPLES: usize = 500;
+
+/// How far a surface is moved to see whether its place matters, in mm: two thicknesses of the cortex.
+const MOVED_MM: f64 = 6.0;
 
 /// Surfaces with values, which become a layer.
 #[derive(Debug)]
@@ -51,6 +56,18 @@ impl Cases {
             let detail = "values of a surface are a layer of the kind `map` or `labels` without a `transform`, because they lie where the surface lies";
             return Err(Failure::unusable("surface-parameters", detail).into());
         }
+        // Before the files are read, which takes long.
+        if let Some(name) = &new.name {
+            Layer::check_name(name)?;
+        }
+        let name = new.name.as_deref();
+        parameters_of(
+            None,
+            name,
+            Some(kind),
+            new.unit.clone(),
+            new.parameters.clone(),
+        )?;
         let surfaces = Surfaces {
             files: &new.files,
             t1: new.t1.as_ref(),
@@ -85,7 +102,8 @@ impl Cases {
                 triangles: drawn.triangles,
                 thickness_mm: drawn.thickness_mm,
                 spread: spread(model.volume(), samples.clone()),
-                mirrored_spread: spread(model.volume(), samples.map(mirrored)),
+                mirrored_spread: spread(model.volume(), samples.clone().map(mirrored)),
+                mirrored_moved_spread: spread(model.volume(), moved(samples.map(mirrored))),
             }
         };
         let surface = self.queue.run(compare).await?;
@@ -112,6 +130,12 @@ impl Cases {
             },
         })
     }
+}
+
+/// Places that are moved along each axis, both ways.
+fn moved(places: impl Iterator<Item = DVec3>) -> impl Iterator<Item = DVec3> {
+    let [x, y, z] = DVec3::AXES.map(|axis| MOVED_MM * axis);
+    places.flat_map(move |place| [x, -x, y, -y, z, -z].map(|by| place + by))
 }
 
 /// The range that holds the middle half of the intensities at some places; `None` if too few of them lie in the volume.
@@ -158,7 +182,8 @@ mod tests {
                 triangles: 0,
                 thickness_mm: 2.0,
                 spread: spread(&volume, places.iter().copied()),
-                mirrored_spread: spread(&volume, mirrored),
+                mirrored_spread: spread(&volume, mirrored.clone()),
+                mirrored_moved_spread: spread(&volume, moved(mirrored)),
             }
         };
         let own = facts(places.clone().collect());

@@ -100,7 +100,7 @@ fn value_at(values: [f32; 3], weights: [f64; 3], is_label: bool) -> f32 {
     sum as f32
 }
 
-/// Calls `each` with the voxels whose centres lie within a radius, and their distance.
+/// Calls `each` for every voxel whose centre lies within a radius of a place, with the distance in mm.
 fn dab(grid: &Grid, at: DVec3, radius_mm: f64, mut each: impl FnMut(usize, f64)) {
     let reach = DVec3::splat(radius_mm) / DVec3::from_array(grid.spacing_mm());
     let middle = grid.voxel_from_patient().transform_point3(at);

@@ -17,7 +17,7 @@ const PLACES: [[f32; 3]; 4] = [
 const TRIANGLES: [[i32; 3]; 2] = [[0, 1, 2], [2, 1, 3]];
 const VALUES: [f32; 4] = [0.25, 1.5, -2.0, f32::NAN];
 
-/// The footer of a volume whose axes point left, down and forwards, turned, away from the middle.
+/// The footer of a volume that FreeSurfer conformed: its axes point left, down and forwards, and its centre is not the origin.
 fn footer(valid: u8) -> Vec<u8> {
     let text = format!(
         "valid = {valid}  # volume info valid\nfilename = ../mri/T1.mgz\nvolume = 256 256 256\nvoxelsize = 1.0 1.0 1.0\n\
@@ -80,7 +80,7 @@ fn tkregister_coordinates_are_placed_by_the_footer_or_the_t1_and_never_guessed()
     assert!(surface.positions_in_patient[0].x > 20.0);
     assert_eq!(surface.triangles, [[0, 1, 2], [2, 1, 3]]);
 
-    // A conformed T1 whose middle lies elsewhere.
+    // A conformed T1 with another centre.
     let axes = DMat3::from_cols(DVec3::X, -DVec3::Z, -DVec3::Y);
     let corner = DVec3::new(-1.0, 2.0, 3.0) - axes * DVec3::splat(128.0);
     let t1 = Grid::new([256; 3], DAffine3::from_mat3_translation(axes, corner)).unwrap();

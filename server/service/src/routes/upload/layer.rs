@@ -87,10 +87,11 @@ struct SentParameters {
         )),
         (status = 200, description = "The layer already exists", body = LayerView),
         (status = 400, description = "The form cannot be read"),
-        (status = 409, description = "The case has too many layers, or another layer has the name"),
-        (status = 413, description = "The body is too large"),
-        (status = 415, description = "The body is not a form, or its volume is neither NIfTI nor DICOM"),
-        (status = 422, description = "The volume cannot be used, or it is of another patient than the case (`layer-of-another-patient`): both are from DICOM, and differ in patient id, issuer or date of birth; or the PACS has rejected its images (`images-rejected`)"),
+        (status = 404, description = "There is no such case"),
+        (status = 409, description = "The case has too many layers, or another layer has the name; or surfaces are sent, and the case is not ready (`case-not-ready`)"),
+        (status = 413, description = "The body is too large, or a surface is (`surface-too-large`)"),
+        (status = 415, description = "The body is not a form, its volume is neither NIfTI, MGH nor DICOM, or its surface or values are neither FreeSurfer's nor GIFTI (`surface-not-recognised`)"),
+        (status = 422, description = "The volume cannot be used, or it is of another patient than the case (`layer-of-another-patient`): both are from DICOM, and differ in patient id, issuer or date of birth; or the PACS has rejected its images (`images-rejected`). Of surfaces: a file is damaged (`surface-damaged`) or has what is not supported (`surface-unsupported`), the values are missing (`values-missing`), have several columns (`values-column`) or are of another surface (`values-of-another-surface`), the place in the scanner is not known (`surface-space-unknown`), nothing lies in the head (`layer-outside-head`), the sides are swapped (`surface-mirrored`), or a parameter does not fit surfaces (`surface-parameters`)"),
         (status = 503, description = "Too much work is waiting"),
         (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
     )
@@ -132,6 +133,10 @@ pub async fn create_layer(
             unit: sent.unit,
             parameters,
         },
+        Files::Surfaces(..) if options != OF_LAYER => {
+            let detail = "`series`, `allow_gaps` and `affine` are only accepted for volumes; the form has a surface";
+            return Err(AppError::bad_request("parameters-unreadable", detail));
+        }
         Files::Surfaces(files, t1) => {
             let surfaces = ReceivedSurfaces {
                 case: id,
@@ -167,6 +172,15 @@ enum Files {
     /// Surfaces with their values, and the T1 that they belong to.
     Surfaces(Vec<(Spooled, Option<Spooled>)>, Option<Spooled>),
 }
+
+/// The choice among the files of a volume, where there is none.
+const OF_LAYER: Options = Options {
+    series: None,
+    allow_gaps: false,
+    purpose: Purpose::Layer,
+    deidentifies: false,
+    form: None,
+};
 
 /// The most surfaces of a layer: both hemispheres.
 const MAX_SURFACES: usize = 2;
@@ -264,7 +278,7 @@ async fn read(incoming: &Incoming<'_>, request: Request) -> Result<Received, App
         labels,
         sent: sent.map_err(|(path, refusal)| unreadable(&path, &refusal))?,
         options: Options {
-            purpose: Purpose::Layer,
+            purpose: OF_LAYER.purpose,
             ..options
         },
     })
