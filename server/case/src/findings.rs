@@ -161,6 +161,11 @@ impl Finding {
         [0, 1, 2].map(|axis| sum(axis) / count)
     }
 
+    /// Whether it is given to other programs: it is neither dismissed nor unconfirmed.
+    pub fn is_kept(&self) -> bool {
+        !self.is_dismissed && !self.is_unconfirmed
+    }
+
     /// Whether a reader wrote the same in both: everything but what the server sets.
     pub fn says_the_same_as(&self, other: &Self) -> bool {
         let of_reader = |finding: &Self| Self {
