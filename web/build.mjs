@@ -47,12 +47,11 @@ const words = {
   },
 };
 
-/** The documents: each has the head of `src/page.html`, the style sheet, and an entry of its own; the first one has the icons. */
+/** The documents: each has the head of `src/page.html`, the style sheet and the script; the first one has the icons. */
 const DOCUMENTS = [
   {
     address: "/",
     file: "index.html",
-    entry: "src/page/main.tsx",
     icons: true,
     class: "reading",
     description: "Curved cuts of the cortex at any depth.",
@@ -60,18 +59,12 @@ const DOCUMENTS = [
   {
     address: "/compare",
     file: "compare.html",
-    entry: "src/compare/main.tsx",
     class: "comparing",
     description: "Two heads side by side, at one depth.",
   },
-  {
-    address: "/launch",
-    file: "launch.html",
-    entry: "src/launch/main.tsx",
-    class: "launching",
-    description: "Opens the case of a study.",
-  },
+  { address: "/launch", file: "launch.html", class: "launching", description: "Opens the case of a study." },
 ];
+const SCRIPT = "src/main.ts";
 const STYLE = "src/style.css";
 /** The document that the server fills with a case, to hand on. */
 const SHARED = { file: "share.html", template: "src/share.html", entry: "src/share/main.tsx" };
@@ -85,7 +78,7 @@ async function page() {
   const { outputFiles, metafile } = await build({
     ...common,
     plugins: [...common.plugins, words],
-    entryPoints: [...DOCUMENTS.map(({ entry, file }) => ({ in: entry, out: path.parse(file).name })), STYLE],
+    entryPoints: [SCRIPT, STYLE],
     outdir: "dist",
     entryNames: "[name]-[hash]",
     chunkNames: "[name]-[hash]",
@@ -99,23 +92,21 @@ async function page() {
   const hashed = [...files.keys()].sort();
   const outputs = Object.entries(metafile.outputs);
   const outputOf = (entry) => outputs.find(([, { entryPoint }]) => entryPoint === entry)[0];
-  const names = outputOf("src/words.en.json");
+  const script = outputOf(SCRIPT);
+  // The names come while the page finds out which language they are for.
+  const early = [script, outputOf("src/words.en.json")].flatMap((one) => staticImports(metafile, one));
   const shapes = (await readFile(path.join(web, "src/icons.svg"), "utf8")).replace(/\n */g, "");
   const template = await readFile(path.join(web, "src/page.html"), "utf8");
-  const documents = DOCUMENTS.map(({ address, file, entry, icons, ...texts }) => {
-    const script = outputOf(entry);
-    const chunks = staticImports(metafile, script).map((chunk) => path.basename(chunk));
-    // The names come while the page finds out which language they are for.
-    const early = [...chunks, ...staticImports(metafile, names).map((chunk) => path.basename(chunk))];
+  const documents = DOCUMENTS.map(({ address, file, icons, ...texts }) => {
     const values = {
       ...texts,
       icons: icons ? shapes : "",
       script: path.basename(script),
       style: path.basename(outputOf(STYLE)),
-      preloads: early.map((chunk) => `<link rel="modulepreload" href="./${chunk}">`).join("\n  "),
+      preloads: early.map((chunk) => `<link rel="modulepreload" href="./${path.basename(chunk)}">`).join("\n  "),
     };
     files.set(file, Buffer.from(template.replace(/\{\{(\w+)\}\}/g, (_, name) => values[name])));
-    return { address, file, loads: [values.style, values.script, ...chunks] };
+    return { address, file, loads: [values.style, values.script] };
   });
   files.set(
     SHARED.file,

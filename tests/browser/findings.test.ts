@@ -14,6 +14,7 @@ import {
   findingsOf,
   fragment,
   keep,
+  openMenu,
   openPage,
   skip,
   startStage,
@@ -95,6 +96,25 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   const list = await saved(page, "Save the findings");
   const pdf = await saved(page, "PDF");
   assert.match(await readFile(pdf, "latin1"), /^%PDF-1\.7/);
+
+  // The finding and the cut as STL in one patient space: the ball lies where the finding was marked.
+  await openMenu(page, "export");
+  const ball = await readFile(await saved(page, "Findings as STL"));
+  assert.match(ball.toString("latin1", 0, 80), /SPACE=LPS;UNIT=mm;RADIUS=1\.500/);
+  const corners = Array.from({ length: ball.readUInt32LE(80) }, (_, facet) =>
+    [12, 16, 20].map((at) => ball.readFloatLE(84 + 50 * facet + at)),
+  );
+  const [place = []] = one?.points_in_patient ?? [];
+  for (const corner of corners)
+    assert.ok(Math.abs(Math.hypot(...corner.map((part, axis) => part - (place[axis] ?? NaN))) - 1.5) < 0.01);
+  const cut = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Cut as STL" }).click();
+  assert.match((await cut).suggestedFilename(), /^isocortex-[0-9a-f]{8}-whole-[\d.]+mm\.stl$/);
+  const surface = await readFile(await (await cut).path());
+  assert.match(surface.toString("latin1", 0, 80), /SPACE=LPS;UNIT=mm;DEPTH=/);
+  assert.equal(surface.length, 84 + 50 * surface.readUInt32LE(80));
+  await keep(page, "export");
+  await page.keyboard.press("Escape");
 
   await page.getByRole("button", { name: /^Remove 1/ }).click();
   await until(stored, (now) => now.length === 0);

@@ -599,3 +599,79 @@ async fn a_report_names_the_patient_on_request_alone() {
         "{named}"
     );
 }
+
+/// The triangles of a binary STL.
+fn facets(file: &[u8]) -> Vec<[glam::DVec3; 3]> {
+    let number = |at: usize| f32::from_le_bytes(file[at..at + 4].try_into().unwrap());
+    let corner = |at: usize| glam::vec3(number(at), number(at + 4), number(at + 8)).as_dvec3();
+    let count = u32::from_le_bytes(file[80..84].try_into().unwrap()) as usize;
+    assert_eq!(file.len(), 84 + 50 * count);
+    let starts = (0..count).map(|facet| 84 + 50 * facet);
+    starts
+        .map(|at| [12, 24, 36].map(|offset| corner(at + offset)))
+        .collect()
+}
+
+#[tokio::test]
+async fn findings_are_balls_and_tubes_where_they_were_marked() {
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let address = format!("{case}/findings");
+    let accept = [("accept", "model/stl")];
+    let empty = server.get_with(&address, &accept).await;
+    assert_eq!(
+        (empty.status.as_u16(), empty.problem()),
+        (409, "no-findings".to_owned())
+    );
+    let stored = mark(&server, &case).await;
+    let answer = server.get_with(&address, &accept).await;
+    assert_eq!(answer.status, 200, "{answer:?}");
+    assert_eq!(answer.header("content-type"), "model/stl");
+    let name = "attachment; filename=\"findings.stl\"";
+    assert_eq!(answer.header("content-disposition"), name);
+    let header = String::from_utf8_lossy(&answer.body[..80]).into_owned();
+    assert!(
+        header.contains("SPACE=LPS;UNIT=mm;RADIUS=1.500"),
+        "{header}"
+    );
+
+    // What was dismissed is left out: it is the mirror image of the first finding.
+    let list = stored["findings"].as_array().unwrap();
+    let points = |finding: &Value| -> Vec<glam::DVec3> {
+        let points: Vec<[f64; 3]> =
+            serde_json::from_value(finding["points_in_patient"].clone()).unwrap();
+        points.into_iter().map(glam::DVec3::from_array).collect()
+    };
+    let mut lines = Vec::new();
+    for finding in list.iter().filter(|one| one["is_dismissed"] == false) {
+        let mut points = points(finding);
+        if finding["kind"] == "polygon" {
+            points.push(points[0]);
+        }
+        lines.extend(match points[..] {
+            [point] => vec![[point, point]],
+            _ => points.windows(2).map(|pair| [pair[0], pair[1]]).collect(),
+        });
+    }
+    let distance = |[from, to]: &[glam::DVec3; 2], at: glam::DVec3| {
+        let along = *to - *from;
+        let share = (at - *from).dot(along) / along.length_squared().max(1e-9);
+        (*from + along * share.clamp(0.0, 1.0)).distance(at)
+    };
+    let facets = facets(&answer.body);
+    for &corner in facets.iter().flatten() {
+        let distances = lines.iter().map(|line| distance(line, corner));
+        let nearest = distances.fold(f64::INFINITY, f64::min);
+        assert!(nearest < 1.501, "{corner:?} is {nearest} mm off");
+    }
+    for line in &lines {
+        let is_around = |facet: &[glam::DVec3; 3]| {
+            let far = facet.map(|corner| distance(line, corner));
+            far.iter().all(|far| (far - 1.5).abs() < 0.001)
+        };
+        assert!(facets.iter().any(is_around), "{line:?}");
+    }
+    let dismissed = points(&list[5])[0];
+    let mut corners = facets.iter().flatten();
+    assert!(corners.all(|corner| corner.distance(dismissed) > 3.0));
+}

@@ -175,9 +175,14 @@ impl Finding {
         [0, 1, 2].map(|axis| sum(axis) / count)
     }
 
-    /// Whether it says something about the patient that a reader has not dismissed. The commissures do not.
-    pub fn is_kept(&self) -> bool {
+    /// Whether lists and reports number it: it is neither dismissed nor the commissures.
+    pub fn is_numbered(&self) -> bool {
         !self.is_dismissed && self.kind != FindingKind::Acpc
+    }
+
+    /// Whether it is given to other programs as something found: it has a number, and its place is confirmed.
+    pub fn is_kept(&self) -> bool {
+        self.is_numbered() && !self.is_unconfirmed
     }
 
     /// Whether a reader wrote the same in both: everything but what the server sets.

@@ -222,9 +222,7 @@ impl Cases {
             let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
             let grid = Grid::new(facts.native_size, affine).map_err(|_| Error::Internal)?;
             let mut labels = vec![0; grid.voxel_count()];
-            let findings = (1..)
-                .zip(list)
-                .filter(|(_, finding)| finding.is_kept() && !finding.is_unconfirmed);
+            let findings = (1..).zip(list).filter(|(_, finding)| finding.is_kept());
             let findings: Vec<_> = findings.collect();
             for (number, finding) in &findings {
                 paint(&mut labels, &grid, *number, finding);

@@ -19,23 +19,17 @@ const MAX_CORNERS: usize = 256;
 /// also those within it. What is within a polygon is decided in its mean plane, and its height above that plane is that of its
 /// corners, the near ones most. The voxel nearest to each point is always one of them.
 pub fn voxels_of(finding: &Finding, grid: &Grid) -> Option<Mask> {
-    let points: Vec<DVec3> = finding
-        .points_in_patient
-        .iter()
-        .map(|&point| DVec3::from_array(point))
-        .collect();
+    let points = points_of(finding);
     let (first, size) = block_around(&points, grid)?;
     let block = grid.block(first.map(|index| index as i64), size).ok()?;
     let mut canvas = Canvas {
         voxels: vec![false; block.voxel_count()],
         block,
     };
-    let is_closed = finding.kind == FindingKind::Polygon;
-    let next = points.iter().skip(1).chain(is_closed.then(|| &points[0]));
-    for (from, to) in points.iter().zip(next) {
-        let steps = (from.distance(*to) / STEP_MM).ceil().max(1.0);
+    for (from, to) in lines_between(finding.kind, &points) {
+        let steps = (from.distance(to) / STEP_MM).ceil().max(1.0);
         for step in 0..=steps as u32 {
-            canvas.dab(from.lerp(*to, f64::from(step) / steps));
+            canvas.dab(from.lerp(to, f64::from(step) / steps));
         }
     }
     for &point in &points {
@@ -44,13 +38,28 @@ pub fn voxels_of(finding: &Finding, grid: &Grid) -> Option<Mask> {
             canvas.voxels[index] = true;
         }
     }
-    if is_closed {
+    if finding.kind == FindingKind::Polygon {
         canvas.fill(&points);
     }
     let is_any = canvas.voxels.contains(&true);
     Mask::new(canvas.block, canvas.voxels)
         .ok()
         .filter(|_| is_any)
+}
+
+pub(crate) fn points_of(finding: &Finding) -> Vec<DVec3> {
+    let points = finding.points_in_patient.iter();
+    points.map(|&point| DVec3::from_array(point)).collect()
+}
+
+/// The lines between the points of a finding, in their order; those of a polygon lead back to its first point.
+pub(crate) fn lines_between(
+    kind: FindingKind,
+    points: &[DVec3],
+) -> impl Iterator<Item = (DVec3, DVec3)> {
+    let back = points.first().filter(|_| kind == FindingKind::Polygon);
+    let next = points.iter().skip(1).chain(back);
+    points.iter().copied().zip(next.copied())
 }
 
 /// The first voxel and the size of the block that holds the points and the brush around them; `None` outside the grid.

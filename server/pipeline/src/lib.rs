@@ -8,6 +8,7 @@ pub mod codec;
 mod cuts;
 mod extractor;
 mod failure;
+pub mod finding_solid;
 pub mod findings;
 mod head_limits;
 pub mod layers;

@@ -50,9 +50,9 @@ impl StoredFindings {
     /// What lists state: how many findings are kept, and the names of the authors, a line each.
     pub(crate) fn summary(&self) -> Result<(i64, String), serde_json::Error> {
         let all: Vec<Value> = serde_json::from_str(&self.document)?;
-        // As `Finding::is_kept` of `case`.
-        let is_kept = |one: &&Value| one["is_dismissed"] != true && one["kind"] != "acpc";
-        let kept = all.iter().filter(is_kept).count();
+        // As `Finding::is_numbered` of `case`.
+        let is_numbered = |one: &&Value| one["is_dismissed"] != true && one["kind"] != "acpc";
+        let kept = all.iter().filter(is_numbered).count();
         let authors: BTreeSet<&str> = all
             .iter()
             .filter_map(|one| one["author"].as_str())

@@ -189,26 +189,29 @@ function SideChoice({ comparing, side }: { readonly comparing: Comparing; readon
   );
 }
 
-// The page leaves what it shows beside the token, which is taken by whoever asks for it.
-const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
-// Whoever must sign in comes back to this address.
-if (asked) history.replaceState(null, "", `#${asked}`);
-const place = await begin("app");
-document.title = `${t("compare.title")} · Isocortex`;
-try {
-  const comparing = new Comparing(await allCases());
-  render(
-    <>
-      <Bar comparing={comparing} />
-      <main class="frames">
-        <Placed node={comparing.left.element} />
-        <Placed node={comparing.right.element} />
-      </main>
-    </>,
-    place,
-  );
-  void comparing.followCases();
-  await comparing.start(asked);
-} catch (problem) {
-  render(<Quiet>{problemWords(problem)}</Quiet>, place);
+/** Runs the document. */
+export async function comparing(): Promise<void> {
+  // The page leaves what it shows beside the token, which is taken by whoever asks for it.
+  const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
+  // Whoever must sign in comes back to this address.
+  if (asked) history.replaceState(null, "", `#${asked}`);
+  const place = await begin("app");
+  document.title = `${t("compare.title")} · Isocortex`;
+  try {
+    const both = new Comparing(await allCases());
+    render(
+      <>
+        <Bar comparing={both} />
+        <main class="frames">
+          <Placed node={both.left.element} />
+          <Placed node={both.right.element} />
+        </main>
+      </>,
+      place,
+    );
+    void both.followCases();
+    await both.start(asked);
+  } catch (problem) {
+    render(<Quiet>{problemWords(problem)}</Quiet>, place);
+  }
 }

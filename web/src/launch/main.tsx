@@ -1,12 +1,11 @@
 // Opens the case of the study that the address names, says how far it is, or asks which of several is meant.
 
-import { isChoice, launchQuery } from "./query.ts";
 import { signal } from "@preact/signals";
 import { render } from "preact";
 import { useLayoutEffect } from "preact/hooks";
 
 import { ask, handOver, post, send } from "../base/api.ts";
-import { leaveLaunch } from "../base/launched.ts";
+import { leaveLaunch, takeChoice } from "../base/launched.ts";
 import { type Key, known, numberUpTo, t } from "../base/i18n.ts";
 import { dateWords } from "../base/pacs.ts";
 import { wait } from "../base/patience.ts";
@@ -15,6 +14,11 @@ import { begin } from "../page/begin.ts";
 import { Button } from "../page/fields.tsx";
 
 const LOOK_AGAIN_MS = 2000;
+
+/** Whether the page of a case has led back here, to choose another head of the same study. */
+let isChoice = false;
+/** The query of the address, or the one that was left with the choice. */
+let launchQuery = "";
 
 /** A case that the query fits, or a series of another patient that makes none. */
 interface Candidate {
@@ -178,7 +182,13 @@ function Launch() {
   );
 }
 
-const place = await begin("mounted");
-say("launch.looking");
-render(<Launch />, place);
-attempt(follow());
+/** Runs the document. Its query names a patient's study: before all else, it leaves the address and the history of the browser. */
+export async function launching(): Promise<void> {
+  isChoice = location.search === "?choose";
+  launchQuery = isChoice ? takeChoice() : location.search;
+  history.replaceState(null, "", location.pathname);
+  const place = await begin("mounted");
+  say("launch.looking");
+  render(<Launch />, place);
+  attempt(follow());
+}

@@ -76,7 +76,7 @@ export function CaseSection({ store, made }: OfStore & { readonly made: Made }) 
   const save = (what: "mask" | "envelope"): Promise<void> =>
     attempt(async () => {
       saveFile(await getFile(`${shown.id}/${what}`), `${fileStem(shown)}-${what}.nii.gz`);
-      return t("case.saved");
+      return t("export.file-saved");
     });
 
   return (

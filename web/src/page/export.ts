@@ -4,6 +4,7 @@ import { viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { type LayerOverlay, styleOf } from "../model/maps.ts";
 import { type HalfLook, hasSlices, namedSlots, seenOf, stateIn, type ViewState } from "../model/state.ts";
+import { short } from "../model/text.ts";
 import { getFile } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { intensity, number, spoken, t } from "../base/i18n.ts";
@@ -109,24 +110,48 @@ export async function copyPicture(view: OnScreen, times: number): Promise<string
   }
 }
 
-/** Saves the case as one file to look at, once the server has all findings. */
-export async function saveShared({ shown, findings, reading }: Store, isNamed: boolean): Promise<string> {
+/** Saves what the server makes of a case. */
+export async function saveMade(
+  { shown }: Pick<Store, "shown">,
+  name: string,
+  make: () => Promise<Blob>,
+): Promise<string> {
   try {
-    // A file without the last sentence would look as if it were complete: then there is none.
-    await findings.sync.flush();
-  } catch (problem) {
-    return t("findings.unsaved", { why: problemWords(problem) });
-  }
-  try {
-    const reader = await reading.reported();
-    const asked = { language: spoken(), ...(isNamed && { patient: "true" }), ...(reader && { reading: reader }) };
-    const query = new URLSearchParams(asked);
-    saveFile(await getFile(`${shown.id}/share?${query}`, "text/html"), `${fileStem(shown)}.html`);
-    return t("export.share.saved");
+    saveFile(await make(), `${fileStem(shown)}${name}`);
+    return t("export.file-saved");
   } catch (problem) {
     return problemWords(problem);
   }
 }
+
+/** The same of something with findings, once the server has all of them. */
+export async function saveWithFindings(store: Store, name: string, make: () => Promise<Blob>): Promise<string> {
+  try {
+    // A file without the last sentence would look as if it were complete: then there is none.
+    await store.findings.sync.flush();
+  } catch (problem) {
+    return t("findings.unsaved", { why: problemWords(problem) });
+  }
+  return saveMade(store, name, make);
+}
+
+/** The findings as balls and tubes. */
+export const findingsStl = ({ id }: ReadyCase): Promise<Blob> => getFile(`${id}/findings`, "model/stl");
+
+/** Saves the isosurface at the depth as a closed mesh. */
+export function saveCut({ shown, state: { depth_mm, surface } }: OnScreen): Promise<string> {
+  const depth = short(depth_mm, 2);
+  const query = new URLSearchParams({ depth_mm: depth, surface, solid: "true" });
+  return saveMade({ shown }, `-${surface}-${depth}mm.stl`, () => getFile(`${shown.id}/mesh?${query}`, "model/stl"));
+}
+
+/** Saves the case as one file to look at. */
+export const saveShared = (store: Store, isNamed: boolean): Promise<string> =>
+  saveWithFindings(store, ".html", async () => {
+    const reader = await store.reading.reported();
+    const asked = { language: spoken(), ...(isNamed && { patient: "true" }), ...(reader && { reading: reader }) };
+    return getFile(`${store.shown.id}/share?${new URLSearchParams(asked)}`, "text/html");
+  });
 
 /** Copies an address; if the browser forbids this, the address is shown instead. */
 export async function copied(address: string): Promise<string> {

@@ -8,13 +8,12 @@ import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { joined, readFindings } from "../model/findings.ts";
 import type { Store } from "../store/store.ts";
-import { fileStem } from "./export.ts";
+import { findingsStl, saveWithFindings } from "./export.ts";
 import { Button, Choice, FileInput, type OfStore, Quiet, Row, Ticked, Writing } from "./fields.tsx";
-import { saveFile } from "./picture-file.ts";
 import { takeOver } from "./take-over.tsx";
 
 /** As what findings can be saved; those of DICOM if the case was made of it. */
-const FORMATS = ["csv", "json", "labels", "report", "segments"] as const;
+const FORMATS = ["csv", "json", "labels", "stl", "report", "segments"] as const;
 type Format = (typeof FORMATS)[number];
 
 const DICOM = "application/dicom";
@@ -33,27 +32,16 @@ function filesOf({ shown }: Store): Readonly<Record<Format, readonly [string, ()
     csv: ["findings.csv", () => getFile(path, "text/csv")],
     json: ["findings.json", () => getFile(path, "application/json")],
     labels: ["findings.nii.gz", () => getFile(path, "application/gzip")],
+    stl: ["findings.stl", () => findingsStl(shown)],
     report: ["findings.dcm", () => results("findings")],
     segments: ["finding-segments.dcm", () => results("finding-segments")],
   };
 }
 
-/** Saves what the server makes of the findings, once it has them. */
-async function save({ findings, shown }: Store, name: string, make: () => Promise<Blob>): Promise<void> {
-  const { status, sync } = findings;
-  status.value = t("export.working");
-  try {
-    // A file without the last sentence would look as if it were complete: then there is none.
-    await sync.flush();
-  } catch (problem) {
-    return void (status.value = t("findings.unsaved", { why: problemWords(problem) }));
-  }
-  try {
-    saveFile(await make(), `${fileStem(shown)}-${name}`);
-    status.value = t("findings.saved");
-  } catch (problem) {
-    status.value = problemWords(problem);
-  }
+/** Saves what the server makes of the findings. */
+async function save(store: Store, name: string, make: () => Promise<Blob>): Promise<void> {
+  store.findings.status.value = t("export.working");
+  store.findings.status.value = await saveWithFindings(store, `-${name}`, make);
 }
 
 /** Adds the findings of a file; all of it goes to the server, which takes all or nothing. */

@@ -8,12 +8,15 @@ import { begin } from "./begin.ts";
 import { hearDrops } from "./drops.ts";
 import { Frame } from "./frame.tsx";
 
-const place = await begin("app");
-const app = new App();
-render(<Frame app={app} />, place);
-onReach((isReachable) => app.reach(isReachable));
-hearDrops(document.body, (files, onto) => void app.drop(files, onto));
-window.addEventListener("popstate", () => void app.addressChanged());
-window.addEventListener("keydown", (event) => app.key(event));
-for (const name of ["keyup", "blur"]) window.addEventListener(name, () => app.release());
-await app.start();
+/** Runs the document. */
+export async function reading(): Promise<void> {
+  const place = await begin("app");
+  const app = new App();
+  render(<Frame app={app} />, place);
+  onReach((isReachable) => app.reach(isReachable));
+  hearDrops(document.body, (files, onto) => void app.drop(files, onto));
+  window.addEventListener("popstate", () => void app.addressChanged());
+  window.addEventListener("keydown", (event) => app.key(event));
+  for (const name of ["keyup", "blur"]) window.addEventListener(name, () => app.release());
+  await app.start();
+}

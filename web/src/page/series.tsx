@@ -55,7 +55,7 @@ function Series({ onScreen, sweep }: { readonly onScreen: OnScreen; readonly swe
     say(t("series.drawing"));
     try {
       saveFile(await postForFile(`v1/cases/${shown.id}/renders`, body), `${fileStem(shown)}-${kind}.png`);
-      say(t("series.saved"));
+      say(t("export.file-saved"));
     } catch (problem) {
       say(problemWords(problem));
     }

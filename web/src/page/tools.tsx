@@ -9,7 +9,16 @@ import { keyOf } from "../model/keys.ts";
 import { MAP_NAMES, type MapName, isLayerId, isMap } from "../model/maps.ts";
 import { allLayersOf, hasSlices } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
-import { type OnScreen, copied, copyPicture, savePicture, saveShared } from "./export.ts";
+import {
+  type OnScreen,
+  copied,
+  copyPicture,
+  findingsStl,
+  saveCut,
+  savePicture,
+  saveShared,
+  saveWithFindings,
+} from "./export.ts";
 import {
   Button,
   Buttons,
@@ -244,6 +253,11 @@ function Export({ store, onScreen }: OfStore & { onScreen(): OnScreen }) {
         )}
       </Row>
       <Quiet>{t("export.share.about")}</Quiet>
+      <Row>
+        {telling(t("export.cut"), () => saveCut(onScreen()))}
+        {telling(t("export.findings"), () => saveWithFindings(store, "-findings.stl", () => findingsStl(store.shown)))}
+      </Row>
+      <Quiet>{t("export.stl.about")}</Quiet>
       <Status words={note} />
     </>
   );

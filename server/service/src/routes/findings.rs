@@ -3,21 +3,25 @@
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::findings::{Certainty, Finding};
 use case::{CaseId, Gyrus, MapName, PatientSide};
 use cases::Cases;
 use cases::findings::Findings;
+use pipeline::finding_solid::solid_of;
+use pipeline::findings::BRUSH_RADIUS_MM;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::candidates::{quoted, standard_fields};
+use super::mesh::STL;
 use super::versioned::{
     JSON, Versioned, answer, as_json, known_tags, precondition_required, represented,
 };
 use crate::routes::asked::{CasePath, not_a_case_id};
-use http::conditional::EntityTag;
+use crate::wire;
+use http::conditional::{EntityTag, Representation};
 use http::negotiate::{Coding, GZIP, media_type};
 use http::problem::{AppError, Problem};
 use http::query::{ApiQuery, NoQuery};
@@ -50,14 +54,15 @@ pub struct FindingsChanged {
 ///
 /// As JSON, or with `Accept: text/csv` as CSV with a row for each point, or with `Accept: application/gzip` as labels: a
 /// gzipped NIfTI-1 file on the grid of the acquired volume, of what was neither dismissed nor unconfirmed. A label is the number of its finding in
-/// the list, from 1, and covers what a brush of 3 mm would; a comment in the file has the names. Findings lie in the patient:
+/// the list, from 1, and covers what a brush of 3 mm would; a comment in the file has the names. With `Accept: model/stl`, the same findings are
+/// a binary STL in LPS mm: balls around points, and tubes along lines, outlines and trajectories, with a radius of 1.5 mm. Findings lie in the patient:
 /// they are at the same place in every picture of the case. The `ETag` of the JSON is what a change must name.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/findings", tag = "findings",
     params(("id" = String, Path, description = "The case, in any state")),
     responses(
-        (status = 200, description = "The findings; an empty list if there are none", content((FindingList = "application/json"), (String = "text/csv"), (Vec<u8> = "application/gzip")), headers(("ETag" = String, description = "For `If-Match` and `If-None-Match`"))),
-        (status = 409, description = "The case is not ready, so labels have no grid"),
+        (status = 200, description = "The findings; an empty list if there are none", content((FindingList = "application/json"), (String = "text/csv"), (Vec<u8> = "application/gzip"), (Vec<u8> = "model/stl")), headers(("ETag" = String, description = "For `If-Match` and `If-None-Match`"))),
+        (status = 409, description = "The case is not ready, so labels have no grid, or an STL would be empty (`no-findings`)"),
     )
 )]
 pub async fn get_findings(
@@ -66,7 +71,7 @@ pub async fn get_findings(
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let kind = media_type(&request, &[JSON, CSV, GZIP])?;
+    let kind = media_type(&request, &[JSON, CSV, GZIP, STL])?;
     let findings = cases.findings(&id).await?;
     match kind {
         CSV => {
@@ -76,14 +81,30 @@ pub async fn get_findings(
         }
         GZIP => {
             let body = Bytes::from(cases.finding_labels(&id).await?);
-            let tag = EntityTag::of_bytes(&body, Coding::Identity);
-            let mut labels = represented(tag, GZIP, body);
-            let name = HeaderValue::from_static("attachment; filename=\"findings.nii.gz\"");
-            labels.headers.insert(header::CONTENT_DISPOSITION, name);
-            labels.respond(&request)
+            attachment(GZIP, body, "attachment; filename=\"findings.nii.gz\"").respond(&request)
+        }
+        STL => {
+            let Findings { mut list, .. } = findings;
+            list.retain(Finding::is_kept);
+            if list.is_empty() {
+                let detail = "the case has no findings, or only dismissed or unconfirmed ones; mark or confirm something first";
+                return Err(AppError::new(StatusCode::CONFLICT, "no-findings", detail));
+            }
+            let write = move || wire::stl_of_tubes(&solid_of(&list), BRUSH_RADIUS_MM);
+            let body = Bytes::from(cases.queue.run(write).await?);
+            attachment(STL, body, "attachment; filename=\"findings.stl\"").respond(&request)
         }
         _ => as_json(findings)?.respond(&request),
     }
+}
+
+/// A file that a browser saves under its name.
+fn attachment(media_type: &'static str, body: Bytes, name: &'static str) -> Representation {
+    let tag = EntityTag::of_bytes(&body, Coding::Identity);
+    let mut file = represented(tag, media_type, body);
+    let name = HeaderValue::from_static(name);
+    file.headers.insert(header::CONTENT_DISPOSITION, name);
+    file
 }
 
 /// Replace what readers have marked and written

@@ -30,7 +30,7 @@ use http::query::{ApiQuery, Asked};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";
-const STL: &str = "model/stl";
+pub(super) const STL: &str = "model/stl";
 const OBJ: &str = "model/obj";
 const PLY: &str = "application/ply";
 const GIFTI: &str = "model/gifti+xml";

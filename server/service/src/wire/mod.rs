@@ -17,7 +17,7 @@ pub use gltf::gltf;
 pub use obj::obj;
 pub use paths::{Astray, paths};
 pub use ply::ply;
-pub use stl::stl;
+pub use stl::{stl, stl_of_tubes};
 pub use texture::{
     Texture, Voxels, added_layer_texture, coarse_depth_texture, depth_texture, differences,
     layer_texture, quick_range, volume_texture,

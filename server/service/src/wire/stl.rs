@@ -1,5 +1,7 @@
 //! Binary STL.
 
+use geometry::Solid;
+
 use super::Mesh;
 
 const HEADER_LENGTH: usize = 80;
@@ -9,10 +11,20 @@ const TRIANGLE_LENGTH: usize = 50;
 ///
 /// Normals are the outward normals of the facets.
 pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
-    let mut file = Vec::with_capacity(HEADER_LENGTH + 4 + TRIANGLE_LENGTH * mesh.triangles.len());
+    let about = format!("DEPTH={:.3}", mesh.depth_mm);
+    written(&about, mesh.positions_in_patient, mesh.triangles)
+}
+
+/// The same of balls and tubes, with their radius.
+pub fn stl_of_tubes(solid: &Solid, radius_mm: f64) -> Vec<u8> {
+    let about = format!("RADIUS={radius_mm:.3}");
+    written(&about, &solid.positions_in_patient, &solid.triangles)
+}
+
+fn written(about: &str, positions_in_patient: &[[f32; 3]], triangles: &[[u32; 3]]) -> Vec<u8> {
+    let mut file = Vec::with_capacity(HEADER_LENGTH + 4 + TRIANGLE_LENGTH * triangles.len());
     let title = format!(
-        "Isocortex SPACE=LPS;UNIT=mm;DEPTH={:.3} {}",
-        mesh.depth_mm,
+        "Isocortex SPACE=LPS;UNIT=mm;{about} {}",
         render::SHORT_NOTICE
     );
     file.extend(
@@ -21,9 +33,9 @@ pub fn stl(mesh: Mesh<'_>) -> Vec<u8> {
             .chain(std::iter::repeat(b' '))
             .take(HEADER_LENGTH),
     );
-    file.extend_from_slice(&(mesh.triangles.len() as u32).to_le_bytes());
-    for triangle in mesh.triangles {
-        let corners = triangle.map(|vertex| mesh.positions_in_patient[vertex as usize]);
+    file.extend_from_slice(&(triangles.len() as u32).to_le_bytes());
+    for triangle in triangles {
+        let corners = triangle.map(|vertex| positions_in_patient[vertex as usize]);
         let vectors = std::iter::once(facet_normal(corners)).chain(corners);
         file.extend(vectors.flatten().flat_map(f32::to_le_bytes));
         file.extend_from_slice(&[0, 0]);
