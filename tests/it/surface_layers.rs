@@ -92,15 +92,34 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
         assert!((-1.0..=1001.0).contains(value), "{value}");
     }
 
-    // From FreeSurfer's files the voxels are the same, to the last bit, and so it is the same layer.
+    // From FreeSurfer's files the voxels are the same.
     let files = [("surface", &triangles[..]), ("values", &curv[..])];
-    let again = add(&server, &case, &files, json!({"name": "FreeSurfer"})).await;
-    assert_eq!(again.status, 200, "{again:?}");
-    assert!(
-        again
-            .header("location")
-            .ends_with(gifti["id"].as_str().unwrap())
+    let again = added(&server, &case, &files, json!({"name": "FreeSurfer"})).await;
+    let same = values(&server, &case, &again).await;
+    assert_eq!(same.len(), own.len());
+    for ((_, own), (_, same)) in own.iter().zip(&same) {
+        assert!((own - same).abs() <= 1e-6 * own.abs(), "{own} {same}");
+    }
+
+    // The surface itself is a label, and an annotation has labels with names.
+    let bare = added(&server, &case, &files[..1], json!({"name": "contour"})).await;
+    assert_eq!(bare["kind"], "labels");
+    let label = &bare["labels"][0];
+    assert_eq!(
+        [&label["value"], &label["name"]],
+        [&json!(1), &json!("surface 1")]
     );
+    assert_eq!(label["voxels"].as_u64().unwrap() as usize, own.len());
+    let annotation = annotation(3602);
+    let files = [files[0], ("values", &annotation)];
+    let labels = added(&server, &case, &files, json!({"name": "annotation"})).await;
+    assert_eq!(labels["kind"], "labels");
+    let label = |number: usize| {
+        let label = &labels["labels"][number];
+        (label["value"].as_u64().unwrap(), label["name"].clone())
+    };
+    assert_eq!(label(0), (1, json!("front")));
+    assert_eq!(label(1), (7, json!("back")));
 
     // Two surfaces, as both hemispheres would be. The head has no folds so deep, so that nothing tells the sides.
     let mesh = mesh.replace("depth_mm=8", "depth_mm=24");
@@ -143,7 +162,7 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
         ),
         (
             vec![("surface", &triangles[..])],
-            json!({}),
+            json!({"kind": "map"}),
             422,
             "values-missing",
         ),
@@ -223,6 +242,32 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
             "{refused:?}"
         );
     }
+}
+
+/// An annotation: the first half of the vertices is `front`, the other half `back`.
+fn annotation(vertices: usize) -> Vec<u8> {
+    let mut file = Vec::new();
+    let mut put = |numbers: &[i32]| file.extend(numbers.iter().flat_map(|n| n.to_be_bytes()));
+    put(&[vertices as i32]);
+    for vertex in 0..vertices {
+        let is_front = vertex < vertices / 2;
+        put(&[
+            vertex as i32,
+            if is_front { 0x0a_14_1e } else { 0x01_02_03 },
+        ]);
+    }
+    put(&[1, -2, 8, 0, 2]);
+    for (number, name, color) in [(7, "back\0\0\0", [3, 2, 1]), (1, "front\0\0", [30, 20, 10])] {
+        let name = name.as_bytes();
+        file.extend(
+            [number, name.len() as i32]
+                .iter()
+                .flat_map(|n: &i32| n.to_be_bytes()),
+        );
+        file.extend(name);
+        file.extend(color.iter().chain(&[0]).flat_map(|n: &i32| n.to_be_bytes()));
+    }
+    file
 }
 
 /// A surface of the real head, its values the heights of its vertices.
@@ -325,6 +370,10 @@ async fn surfaces_of_a_real_head_follow_its_cortex_and_those_that_do_not_are_rev
         let own = json!({"name": name, "space": "scanner"});
         let own = added(&server, &case, &parts, own).await;
         assert_eq!(own["quality"], "ok", "{own}");
+        let [median, p95] = ["junction_median_mm", "junction_p95_mm"]
+            .map(|name| own["fit"][name].as_f64().unwrap());
+        eprintln!("{name}: {median} mm from the junction in the median, 95 % within {p95} mm");
+        assert!(median < if name == "wm" { 1.0 } else { 3.0 }, "{own}");
         // The values are heights: each voxel has that of a place within the sheet.
         let own = values(&server, &case, &own).await;
         let is_near = |(place, value): &&(DVec3, f32)| (place.z - f64::from(*value)).abs() < 1.05;
@@ -350,8 +399,16 @@ async fn surfaces_of_a_real_head_follow_its_cortex_and_those_that_do_not_are_rev
             DVec3::new(-place.x, place.y, place.z)
         });
         let parts = [("surface", &mirrored[..]), ("values", &left_values[..])];
-        let refused = add(&server, &case, &parts, json!({})).await;
-        assert_eq!(refused.problem(), "surface-mirrored", "{refused:?}");
+        let name = format!("{name} mirrored");
+        let mirrored = add(&server, &case, &parts, json!({"name": name})).await;
+        let address = mirrored.header("location").to_owned();
+        let mirrored = until("a layer fails", async || {
+            let layer = server.get(&address).await.json();
+            assert_ne!(layer["state"], "ready", "{layer}");
+            (layer["state"] == "failed").then_some(layer)
+        });
+        let error = mirrored.await["error"]["type"].to_string();
+        assert!(error.contains("surface-mirrored"), "{error}");
         let moved = freesurfer(&left.1, c_ras, |place| place + DVec3::new(0.0, 5.0, 0.0));
         let parts = [("surface", &moved[..]), ("values", &left_values[..])];
         let moved = added(

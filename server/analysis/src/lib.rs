@@ -9,6 +9,7 @@ mod flair;
 mod gradient;
 mod head;
 mod junction;
+mod junction_places;
 mod maps;
 mod midsagittal;
 mod mirror;
@@ -36,6 +37,7 @@ pub use candidates::{
 };
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;
+pub use junction_places::JunctionPlaces;
 pub use maps::{Maps, maps, maps_and_division};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
 pub use regions::{

@@ -262,7 +262,7 @@ impl Transform {
     }
 }
 
-/// What is known of a layer that was drawn from surfaces with values: each voxel around them has the value of the nearest place.
+/// What is known of a layer that was drawn from surfaces: each voxel around them has the value of the nearest place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LayerSurface))]
 #[serde(deny_unknown_fields)]
@@ -273,25 +273,41 @@ pub struct SurfaceFacts {
     pub triangles: u32,
     /// How thick the sheet of voxels around the surfaces is, in mm. Elsewhere the layer is undefined.
     pub thickness_mm: f32,
-    /// The range that holds the middle half of the intensities of the case at the vertices. A surface that follows the cortex has a narrow one.
-    /// Absent if too few vertices lie in the head.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub spread: Option<f32>,
-    /// The same of the mirrored surface.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mirrored_spread: Option<f32>,
-    /// The same of all copies of the mirrored surface that are moved by 6 mm along an axis.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mirrored_moved_spread: Option<f32>,
 }
 
-impl SurfaceFacts {
+/// How surfaces that a layer was drawn from fit the head of the case. A number is absent if it cannot be told: if too few vertices lie in the
+/// head, or if the tissues of the head cannot be told apart.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct SurfaceFit {
+    /// The range that holds the middle half of the intensities of the case at the vertices. A surface that follows the cortex has a narrow one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spread: Option<f32>,
+    /// The same of the mirrored surface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mirrored_spread: Option<f32>,
+    /// The same of all copies of the mirrored surface that are moved by 6 mm along an axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mirrored_moved_spread: Option<f32>,
+    /// The median distance of the vertices from the junction of grey and white matter, in mm. What is further than 15 mm counts as 15 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub junction_median_mm: Option<f32>,
+    /// The 95th percentile of that distance, in mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub junction_p95_mm: Option<f32>,
+}
+
+impl SurfaceFit {
     /// The most that the spread of a surface that follows the cortex is of that of its mirror image. In one head it is 0.27 to 0.33 for white
     /// and pial surfaces, and 0.68 and more for those moved by 2 mm.
     const FOLLOWS: f32 = 0.6;
 
     /// The same for a mirrored surface, which need not have been mirrored at the plane between the hemispheres: there it is 0.69.
     const IS_MIRRORED: f32 = 0.75;
+
+    /// The most that the median distance of a surface of the cortex is from the junction, in mm.
+    const NEAR_MM: f32 = 3.0;
 
     /// Whether it follows the cortex of the case; `None` if that cannot be told.
     pub fn follows_cortex(&self) -> Option<bool> {
@@ -305,6 +321,12 @@ impl SurfaceFacts {
         let others = self.spread.zip(self.mirrored_moved_spread);
         let both = others.zip(self.mirrored_spread);
         both.is_some_and(|((own, moved), mirrored)| mirrored < Self::IS_MIRRORED * own.min(moved))
+    }
+
+    /// Whether it lies too far from the junction for a surface of the cortex.
+    pub fn is_far(&self) -> bool {
+        self.junction_median_mm
+            .is_some_and(|distance| distance > Self::NEAR_MM)
     }
 }
 
@@ -505,7 +527,8 @@ pub struct PlacementFacts {
     /// The reason for `review`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// The stable name of that reason: `place-not-compared`, `space-not-stated`, `covers-too-little` or `not-along-cortex`.
+    /// The stable name of that reason: `place-not-compared`, `space-not-stated`, `covers-too-little`,
+    /// `not-along-cortex` or `far-from-junction`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason_code: Option<String>,
     /// Normalised mutual information where the header places it: 1 for none, 2 for complete.
@@ -520,6 +543,9 @@ pub struct PlacementFacts {
     /// The median shift at which the parts of the head fit best, in mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub residual_mm: Option<f64>,
+    /// How the surfaces fit that it was drawn from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<SurfaceFit>,
 }
 
 /// A label that occurs in a layer.

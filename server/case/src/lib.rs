@@ -35,7 +35,7 @@ pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
     Contrast, LabelFacts, Layer, LayerChange, LayerFacts, LayerId, LayerKind, LayerParameters,
     MAX_LAYERS, MatrixOrigin, NotALayerId, PlacementFacts, PlacementVerdict, SurfaceFacts,
-    Transform,
+    SurfaceFit, Transform,
 };
 pub use maps::{
     BrainRegion, CandidateFacts, JunctionBandFacts, MapName, RegionFacts, RegionNumbers, Unusual,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use case::{CaseFacts, Gyrus, Lobe, MapName, PatientSide};
-use geometry::{DeformableModel, DepthField, Volume};
+use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
 use pipeline::Undefined;
 use pipeline::atlas::Gyri;
@@ -261,7 +261,7 @@ impl Probe<'_> {
             distance_mm,
             position_in_patient: position.to_array(),
             depth_mm: is_known.then_some(depth_mm),
-            intensity: intensity(self.model.volume(), position),
+            intensity: self.model.volume().intensity_at(position),
             blur: value(MapName::Blur),
             thickness: value(MapName::Thickness),
             sharpness: value(MapName::Sharpness),
@@ -289,13 +289,6 @@ impl Probe<'_> {
         };
         JunctionWidthView { verdict, mm }
     }
-}
-
-/// The intensity at a position (LPS mm), trilinear; `None` outside the volume.
-pub fn intensity(volume: &Volume, position: DVec3) -> Option<f32> {
-    let voxel_from_patient = volume.grid().voxel_from_patient();
-    let voxel = voxel_from_patient.transform_point3(position).as_vec3();
-    volume.sample(voxel).map(|stored| volume.intensity(stored))
 }
 
 /// The depth at a position, negative outside.

@@ -64,6 +64,14 @@ impl Volume {
         self.rescale.slope * stored + self.rescale.intercept
     }
 
+    /// The intensity at a position in patient space, LPS mm; `None` outside the volume.
+    pub fn intensity_at(&self, position_in_patient: DVec3) -> Option<f32> {
+        let voxel_from_patient = self.grid.voxel_from_patient();
+        let voxel = voxel_from_patient.transform_point3(position_in_patient);
+        self.sample(voxel.as_vec3())
+            .map(|stored| self.intensity(stored))
+    }
+
     /// Least and greatest intensity.
     pub fn intensity_range(&self) -> [f32; 2] {
         let least = self.voxels.iter().copied().min().unwrap_or_default();

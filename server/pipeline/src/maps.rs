@@ -1,8 +1,8 @@
 //! The maps of a case: the sharpness of its junction of grey and white matter, computed once and stored as one object.
 
 use analysis::{
-    Candidate, DepthBand, Division, Flair, Head, MapKind, Maps, MapsUndefined, MidsagittalPlane,
-    NoDivision, Region, RegionDoubt, Regions, StoredMap,
+    Candidate, DepthBand, Division, Flair, Head, JunctionPlaces, MapKind, Maps, MapsUndefined,
+    MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, StoredMap,
 };
 use case::{
     BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
@@ -175,6 +175,17 @@ fn of_head<T>(
         plane: &mirror_plane(facts),
     };
     compute(head, doubt)
+}
+
+/// The junction of grey and white matter of a case; the reason if it is not seen.
+pub(crate) fn junction_places(
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+) -> Result<JunctionPlaces, MapsUndefined> {
+    of_head(facts, envelope, volume, |head, _doubt| {
+        JunctionPlaces::new(head)
+    })
 }
 
 /// The parts of the brain of a case; the reason if it has none.

@@ -26,10 +26,6 @@ pub struct Manifest {
 /// A case or a layer, but for its files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "one exists at a time, while it is read or written"
-)]
 pub enum Manifested {
     Case {
         /// Without the label.

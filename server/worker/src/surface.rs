@@ -20,7 +20,7 @@ use crate::outcome::OUTCOME;
 use crate::program::cannot_run;
 use crate::reader::{SeriesReader, check_file, outcome};
 
-/// The largest outcome: the samples and the names of labels.
+/// The largest outcome: the names of labels.
 const MAX_OUTCOME_BYTES: u64 = 4 << 20;
 
 /// Surfaces to draw into the voxels of a case.
@@ -98,12 +98,9 @@ fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<SurfaceR
         _ => failure,
     })?;
     let largest = Spooled::START + 8 * limits.max_voxels as u64 + (1 << 20);
-    let is_number = |along: &f32| along.is_finite();
-    let is_sound = drawn.samples.as_flattened().iter().all(is_number)
-        && check_file(&output.path().join(VOLUME), largest).is_ok();
-    match is_sound {
-        true => Ok(SurfaceReading { output, drawn }),
-        false => Err(beyond_limits()),
+    match check_file(&output.path().join(VOLUME), largest) {
+        Ok(()) => Ok(SurfaceReading { output, drawn }),
+        Err(_) => Err(beyond_limits()),
     }
 }
 

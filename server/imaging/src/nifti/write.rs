@@ -3,8 +3,9 @@
 //! Every file is little-endian, in millimetres, and placed by the sform (code 1) and, if the axes are orthogonal, also
 //! by the qform. The affine is rounded to single precision. The same values give the same bytes.
 
-use std::io::Write;
+use std::io::{Read as _, Write};
 
+use flate2::read::GzDecoder;
 use flate2::{Compression, GzBuilder, write::GzEncoder};
 use geometry::{Grid, Mask, Rescale, Volume};
 
@@ -27,6 +28,9 @@ const UINT16: (i16, i16) = (512, 2);
 
 /// The code of an extension that is text.
 const COMMENT: i32 = 6;
+
+/// The longest comment that is read.
+const MAX_COMMENT_BYTES: usize = 1 << 20;
 
 const UNSCALED: Rescale = Rescale {
     slope: 1.0,
@@ -73,8 +77,17 @@ pub fn write_numbers(grid: &Grid, numbers: &[f32]) -> Result<Vec<u8>, ImagingErr
         grid.voxel_count(),
         "one number for each voxel"
     );
-    let header = header(grid, FLOAT32, UNSCALED)?;
-    pack(&header, numbers, |number, bytes| {
+    write_commented(grid, numbers, "")
+}
+
+/// The same with a comment, an extension with code 6.
+pub(crate) fn write_commented(
+    grid: &Grid,
+    numbers: &[f32],
+    comment: &str,
+) -> Result<Vec<u8>, ImagingError> {
+    let start = commented(header(grid, FLOAT32, UNSCALED)?, comment);
+    pack(&start, numbers, |number, bytes| {
         bytes.extend_from_slice(&number.to_le_bytes());
     })
 }
@@ -129,7 +142,15 @@ pub fn write_labels(
         .iter()
         .map(|(number, name)| format!("{number} {}\n", name.replace('\n', " ")));
     let comment = names.collect::<String>();
-    let mut start = header(grid, UINT16, UNSCALED)?.to_vec();
+    let start = commented(header(grid, UINT16, UNSCALED)?, &comment);
+    pack(&start, labels, |label, bytes| {
+        bytes.extend_from_slice(&label.to_le_bytes());
+    })
+}
+
+/// A header with a comment, unless that is empty.
+fn commented(header: [u8; VOX_OFFSET], comment: &str) -> Vec<u8> {
+    let mut start = header.to_vec();
     if !comment.is_empty() {
         // Size and code, then the comment, which zeros fill up to a multiple of 16 bytes.
         let size = (8 + comment.len()).next_multiple_of(16);
@@ -141,9 +162,23 @@ pub fn write_labels(
         start.extend(comment.bytes());
         start.resize(VOX_OFFSET + size, 0);
     }
-    pack(&start, labels, |label, bytes| {
-        bytes.extend_from_slice(&label.to_le_bytes());
-    })
+    start
+}
+
+/// The comment of a file that [`write_commented`] wrote; `None` if it has none.
+pub(crate) fn comment_of(bytes: &[u8]) -> Option<String> {
+    let mut unpacked = GzDecoder::new(bytes);
+    let mut start = [0; VOX_OFFSET + 8];
+    unpacked.read_exact(&mut start).ok()?;
+    let number = |at: usize| i32::from_le_bytes(start[at..at + 4].try_into().expect("four bytes"));
+    let length = usize::try_from(number(VOX_OFFSET)).ok()?.checked_sub(8)?;
+    if start[348] != 1 || number(VOX_OFFSET + 4) != COMMENT || length > MAX_COMMENT_BYTES {
+        return None;
+    }
+    let mut comment = vec![0; length];
+    unpacked.read_exact(&mut comment).ok()?;
+    let comment = String::from_utf8(comment).ok()?;
+    Some(comment.trim_end_matches('\0').to_owned())
 }
 
 /// A NIfTI file, plain or gzipped, with one of the two forms of its header alone, without extensions, as `.nii.gz`. The same file

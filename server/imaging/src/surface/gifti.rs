@@ -137,6 +137,7 @@ fn columns(
         _ => Err(part.unsupported("values with more than one dimension")),
     };
     Ok(Columns {
+        are_labels: !arrays.is_empty() && arrays.iter().all(|array| array.intent == "LABEL"),
         columns: arrays.into_iter().map(column).collect::<Result<_, _>>()?,
         names,
     })

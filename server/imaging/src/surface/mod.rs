@@ -1,4 +1,4 @@
-//! Surfaces of the cortex and values of their vertices: FreeSurfer's binary triangles and `curv`, and GIFTI 1.0.
+//! Surfaces of the cortex and values of their vertices: FreeSurfer's binary triangles, `curv`, MGH overlays and annotations, and GIFTI 1.0.
 //!
 //! Every count is compared with the bytes that are there before memory is allocated. No entity is expanded, and no other file is opened.
 //! Coordinates are those of scanner space only if the file states it, or states the volume of its `tkregister` space; nothing is guessed.
@@ -31,7 +31,8 @@ pub const MAX_TRIANGLES: usize = 2 * MAX_VERTICES;
 #[allow(missing_docs)]
 pub enum SurfaceError {
     #[error(
-        "the {part} is neither GIFTI nor a file of FreeSurfer: send a binary triangle surface, a `curv` file of the new kind, or GIFTI, not gzipped"
+        "the {part} is neither GIFTI nor a file of FreeSurfer: send a binary triangle surface; as values a `curv` file of the new kind, an overlay in an MGH \
+         file or an annotation; or GIFTI, not gzipped"
     )]
     NotRecognised { part: &'static str },
     #[error("the {part} cannot be read: {what}")]
@@ -54,8 +55,14 @@ pub enum SurfaceError {
         "the values have {count} columns, and `column` is {column}; columns are numbered from 1"
     )]
     NoSuchColumn { count: usize, column: usize },
-    #[error("the surface has no values; send them as the part `values`")]
+    #[error(
+        "the surface has no values; send them as the part `values`, or omit `kind` to draw the surface itself"
+    )]
     NoValues,
+    #[error(
+        "the label {number} has different names in the files of the hemispheres; send them as two layers"
+    )]
+    NamesDiffer { number: u32 },
     #[error(
         "the place of the surface in the scanner is not known: its coordinates are `tkregister` RAS, and it has no footer with a valid volume geometry; \
          send the T1 of its subject (mri/T1.mgz or mri/orig.mgz) as the part `t1`"
@@ -85,6 +92,7 @@ impl SurfaceError {
             Self::Unsupported { .. } => "surface-unsupported",
             Self::TooMany { .. } | Self::TooLarge => "surface-too-large",
             Self::OfAnother { .. } => "values-of-another-surface",
+            Self::NamesDiffer { .. } => "labels-differ",
             Self::ManyColumns { .. } | Self::NoSuchColumn { .. } => "values-column",
             Self::NoValues => "values-missing",
             Self::NoVolume | Self::SpaceNotStated => "surface-space-unknown",
@@ -133,6 +141,8 @@ struct Columns {
     columns: Vec<Vec<f32>>,
     /// The names of labels.
     names: BTreeMap<u32, String>,
+    /// Whether the file states that they are labels.
+    are_labels: bool,
 }
 
 /// A surface in the patient, with a value for each vertex.
@@ -146,6 +156,8 @@ pub struct ValuedSurface {
     pub values: Vec<f32>,
     /// The names of labels that the file of the values states.
     pub names: BTreeMap<u32, String>,
+    /// Whether that file states that they are labels.
+    pub are_labels: bool,
 }
 
 /// How surfaces are drawn into voxels.
@@ -160,8 +172,8 @@ pub struct Drawing {
     pub space: Option<Space>,
     /// Which column of the values, from 1.
     pub column: Option<usize>,
-    /// Whether the values are numbers of labels.
-    pub are_labels: bool,
+    /// Whether the values are numbers of labels; if it is not stated, the files decide, and a surface without values is a label itself.
+    pub are_labels: Option<bool>,
 }
 
 /// What was drawn.
@@ -174,20 +186,36 @@ pub struct Drawn {
     pub triangles: u32,
     /// How thick the sheet of voxels is.
     pub thickness_mm: f32,
-    /// Some of the vertices, LPS mm.
-    pub samples: Vec<[f32; 3]>,
+    /// Whether the values are numbers of labels.
+    pub are_labels: bool,
     /// The names of labels.
     pub names: BTreeMap<u32, String>,
 }
 
-/// The most vertices that are returned.
-const MAX_SAMPLES: usize = 20_000;
+/// The most vertices whose places are kept.
+const MAX_PLACES: usize = 10_000;
 
-/// Reads surfaces with their values and draws them into a volume, which is returned as `.nii.gz` in single precision, NaN away from them. `t1`
-/// is the file of the volume that `tkregister` coordinates belong to.
+/// The first line of the comment with the places of vertices, of which each further line has one.
+const PLACES: &str = "places on the surface, LPS mm";
+
+/// The places of some vertices of the surfaces that a volume was drawn from, LPS mm; `None` if it does not have them.
+pub fn places(volume: &[u8]) -> Option<Vec<DVec3>> {
+    let comment = nifti::comment_of(volume)?;
+    let mut lines = comment.lines();
+    let place = |line: &str| {
+        let along: Result<Vec<f64>, _> = line.split(' ').map(str::parse).collect();
+        let place: [f64; 3] = along.ok()?.try_into().ok()?;
+        Some(DVec3::from_array(place)).filter(|place| place.is_finite())
+    };
+    (lines.next() == Some(PLACES)).then(|| lines.map(place).collect())?
+}
+
+/// Reads surfaces with their values and draws them into a volume, which is returned as `.nii.gz` in single precision, NaN away from them, with
+/// the [`places`] of some vertices. `t1` is the file of the volume that `tkregister` coordinates belong to. A surface without values has its number
+/// as the value, from 1.
 ///
 /// # Errors
-/// As [`read`] and [`sheet`].
+/// As [`read`] and [`sheet`]; if a label has two names.
 pub fn draw(
     files: &[SurfaceFiles<'_>],
     t1: Option<&[u8]>,
@@ -206,22 +234,44 @@ pub fn draw(
     let affine = DMat4::from_cols_slice(rows).transpose();
     let grid = Grid::new(drawing.size, DAffine3::from_mat4(affine));
     let grid = grid.map_err(|error| unusable("case")(error.into()))?;
-    let read = |&files: &SurfaceFiles<'_>| read(files, t1.as_ref(), drawing.space, drawing.column);
-    let surfaces: Vec<_> = files.iter().map(read).collect::<Result<_, _>>()?;
-    let sheet = sheet(&surfaces, &grid, drawing.are_labels)?;
+    let may_be_bare = files.iter().all(|files| files.values.is_none())
+        && drawing.are_labels != Some(false)
+        && drawing.column.is_none();
+    let read = |(number, &files): (u32, &SurfaceFiles<'_>)| {
+        let (t1, space) = (t1.as_ref(), drawing.space);
+        match read(files, t1, space, drawing.column) {
+            Err(SurfaceError::NoValues) if may_be_bare => bare(files, t1, space, number),
+            read => read,
+        }
+    };
+    let surfaces: Vec<_> = (1..).zip(files).map(read).collect::<Result<_, _>>()?;
+    let state_labels = surfaces.iter().all(|surface| surface.are_labels);
+    let are_labels = drawing.are_labels.unwrap_or(state_labels);
+    let mut names = BTreeMap::new();
+    for (&number, name) in surfaces.iter().flat_map(|surface| &surface.names) {
+        let known = names.insert(number, name.clone());
+        if are_labels && known.is_some_and(|known| known != *name) {
+            return Err(SurfaceError::NamesDiffer { number });
+        }
+    }
+    let sheet = sheet(&surfaces, &grid, are_labels)?;
     let count = |of: fn(&ValuedSurface) -> usize| surfaces.iter().map(of).sum::<usize>() as u32;
     let vertices = count(|surface| surface.positions_in_patient.len());
-    let every = (vertices as usize).div_ceil(MAX_SAMPLES).max(1);
+    let every = (vertices as usize).div_ceil(MAX_PLACES).max(1);
     let positions = surfaces.iter().flat_map(|one| &one.positions_in_patient);
-    let samples = positions.step_by(every);
+    let places = positions.step_by(every);
+    let places = places.map(|place| format!("\n{:.2} {:.2} {:.2}", place.x, place.y, place.z));
+    let comment = std::iter::once(PLACES.to_owned()).chain(places);
     let drawn = Drawn {
         vertices,
         triangles: count(|surface| surface.triangles.len()),
         thickness_mm: sheet.thickness_mm as f32,
-        samples: samples.map(|place| place.as_vec3().to_array()).collect(),
-        names: sheet.names,
+        are_labels,
+        names,
     };
-    let nifti = nifti::write_numbers(&grid, &sheet.numbers).map_err(unusable("case"))?;
+    let comment: String = comment.collect();
+    let nifti = nifti::write_commented(&grid, &sheet.numbers, &comment);
+    let nifti = nifti.map_err(unusable("case"))?;
     Ok((nifti, drawn))
 }
 
@@ -230,12 +280,12 @@ pub fn draw(
 pub struct SurfaceFiles<'a> {
     /// FreeSurfer's triangles, or GIFTI.
     pub surface: &'a [u8],
-    /// FreeSurfer's `curv`, or GIFTI; `None` if the surface is GIFTI that has values, too.
+    /// FreeSurfer's `curv`, an overlay in an MGH file, an annotation, or GIFTI; `None` if the surface is GIFTI that has values, too, or has none.
     pub values: Option<&'a [u8]>,
 }
 
 /// Reads a surface and its values. `t1` is the grid of the volume that `tkregister` space belongs to, if the surface has no footer; `space` what
-/// the client states about coordinates.
+/// the client states about coordinates; `column` which of several values, from 1.
 ///
 /// # Errors
 /// If a file is damaged, unsupported, or too large, if both do not belong together, or if the place in the scanner is not known.
@@ -245,22 +295,23 @@ pub fn read(
     space: Option<Space>,
     column: Option<usize>,
 ) -> Result<ValuedSurface, SurfaceError> {
-    let (surface, own) = match files.surface {
-        bytes if bytes.starts_with(&freesurfer::TRIANGLES_MAGIC) => {
-            (freesurfer::surface(bytes)?, Columns::default())
-        }
-        bytes if gifti::looks_like(bytes) => gifti::surface(bytes)?,
-        _ => return Err(SurfaceError::NotRecognised { part: "surface" }),
-    };
-    let Columns { mut columns, names } = match files.values {
+    let (surface, own) = surface(files.surface)?;
+    let columns = match files.values {
         None => own,
         Some(bytes) if bytes.starts_with(&freesurfer::VALUES_MAGIC) => Columns {
             columns: vec![freesurfer::values(bytes)?],
             ..Columns::default()
         },
         Some(bytes) if gifti::looks_like(bytes) => gifti::values(bytes)?,
+        Some(bytes) if freesurfer::looks_like_mgh(bytes) => freesurfer::overlay(bytes)?,
+        Some(bytes) if freesurfer::looks_like_annotation(bytes) => freesurfer::annotation(bytes)?,
         Some(_) => return Err(SurfaceError::NotRecognised { part: "values" }),
     };
+    let Columns {
+        mut columns,
+        names,
+        are_labels,
+    } = columns;
     let count = columns.len();
     let values = match (count, column) {
         (0, _) => return Err(SurfaceError::NoValues),
@@ -274,18 +325,56 @@ pub fn read(
         let values = values.len();
         return Err(SurfaceError::OfAnother { values, vertices });
     }
+    Ok(ValuedSurface {
+        positions_in_patient: in_patient(&surface, t1, space)?,
+        triangles: surface.triangles,
+        values,
+        names,
+        are_labels,
+    })
+}
+
+/// A surface without values, which is the label of a number.
+fn bare(
+    files: SurfaceFiles<'_>,
+    t1: Option<&Grid>,
+    space: Option<Space>,
+    number: u32,
+) -> Result<ValuedSurface, SurfaceError> {
+    let (surface, _none) = surface(files.surface)?;
+    Ok(ValuedSurface {
+        positions_in_patient: in_patient(&surface, t1, space)?,
+        values: vec![number as f32; surface.positions.len()],
+        triangles: surface.triangles,
+        names: BTreeMap::from([(number, format!("surface {number}"))]),
+        are_labels: true,
+    })
+}
+
+/// A surface, and the values that are in the same file.
+fn surface(bytes: &[u8]) -> Result<(Surface, Columns), SurfaceError> {
+    if bytes.starts_with(&freesurfer::TRIANGLES_MAGIC) {
+        Ok((freesurfer::surface(bytes)?, Columns::default()))
+    } else if gifti::looks_like(bytes) {
+        gifti::surface(bytes)
+    } else {
+        Err(SurfaceError::NotRecognised { part: "surface" })
+    }
+}
+
+/// The vertices of a surface, LPS mm.
+fn in_patient(
+    surface: &Surface,
+    t1: Option<&Grid>,
+    space: Option<Space>,
+) -> Result<Vec<DVec3>, SurfaceError> {
     let scanner = scanner_of(surface.space, t1, space)?;
     let in_patient = |position: &[f32; 3]| {
         let position = DVec3::from_array(position.map(f64::from));
         let scanner = scanner.transform_point3(position);
         DVec3::new(-scanner.x, -scanner.y, scanner.z)
     };
-    Ok(ValuedSurface {
-        positions_in_patient: surface.positions.iter().map(in_patient).collect(),
-        triangles: surface.triangles,
-        values,
-        names,
-    })
+    Ok(surface.positions.iter().map(in_patient).collect())
 }
 
 /// How coordinates become scanner RAS. What the client states counts more than what the file does, for files are wrong about it.

@@ -1,7 +1,5 @@
 //! A surface as a thin sheet of voxels.
 
-use std::collections::BTreeMap;
-
 use geometry::Grid;
 use glam::DVec3;
 
@@ -24,8 +22,6 @@ pub struct Sheet {
     pub numbers: Vec<f32>,
     /// How thick it is, in mm.
     pub thickness_mm: f64,
-    /// The names of labels.
-    pub names: BTreeMap<u32, String>,
 }
 
 /// Draws surfaces into the voxels of a grid. A voxel has the value of the nearest sample of a triangle: between the vertices linear, or of
@@ -76,11 +72,9 @@ pub fn sheet(
     if is_empty {
         return Err(SurfaceError::Outside);
     }
-    let names = surfaces.iter().flat_map(|surface| &surface.names);
     Ok(Sheet {
         numbers,
         thickness_mm: 2.0 * radius_mm,
-        names: names.map(|(value, name)| (*value, name.clone())).collect(),
     })
 }
 

@@ -5,7 +5,7 @@ use std::io::Write as _;
 use base64::prelude::{BASE64_STANDARD, Engine as _};
 use geometry::Grid;
 use glam::{DAffine3, DMat3, DVec3};
-use imaging::surface::{Space, SurfaceError, SurfaceFiles, ValuedSurface, read, sheet};
+use imaging::surface::{Drawing, Space, SurfaceError, SurfaceFiles, ValuedSurface, read, sheet};
 
 /// Two triangles on the patient's left (RAS), values of their vertices, and where they lie in the scanner.
 const PLACES: [[f32; 3]; 4] = [
@@ -365,6 +365,208 @@ fn a_column_is_chosen_and_labels_have_their_names() {
     assert_eq!(names, [(0, "???"), (7, "insula"), (8, "a < b é"), (9, "")]);
 }
 
+/// An overlay as FreeSurfer writes it: its frames as columns, one number for each vertex.
+fn overlay(sides: [i32; 3], frames: i32, (kind, data): (i32, &[u8])) -> Vec<u8> {
+    let numbers = [1, sides[0], sides[1], sides[2], frames, kind, 0];
+    let mut file: Vec<u8> = numbers.iter().flat_map(|n: &i32| n.to_be_bytes()).collect();
+    file.resize(284, 0);
+    file.extend(data);
+    file
+}
+
+#[test]
+fn overlays_are_read_in_every_type_and_whichever_side_is_filled() {
+    let surface = gifti(&PLAIN.surface(&scanner()));
+    let numbers = |file: &[u8], column: Option<usize>| {
+        let files = SurfaceFiles {
+            surface: &surface,
+            values: Some(file),
+        };
+        read(files, None, None, column).map(|read| read.values)
+    };
+    let bytes = |values: &[f32]| {
+        values
+            .iter()
+            .flat_map(|x| x.to_be_bytes())
+            .collect::<Vec<_>>()
+    };
+    for sides in [[4, 1, 1], [1, 1, 4]] {
+        let file = overlay(sides, 1, (3, &bytes(&VALUES)));
+        assert_eq!(numbers(&file, None).unwrap()[..3], VALUES[..3]);
+        let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        packed.write_all(&file).unwrap();
+        assert_eq!(
+            numbers(&packed.finish().unwrap(), None).unwrap()[..3],
+            VALUES[..3]
+        );
+    }
+    for (kind, data) in [
+        (0, vec![0, 1, 2, 200]),
+        (4, vec![0, 0, 0, 1, 0, 2, 0, 200]),
+        (1, vec![0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 200]),
+    ] {
+        let file = overlay([4, 1, 1], 1, (kind, &data));
+        assert_eq!(numbers(&file, None).unwrap(), [0.0, 1.0, 2.0, 200.0]);
+    }
+    let two = overlay(
+        [4, 1, 1],
+        2,
+        (3, &bytes(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0])),
+    );
+    assert_eq!(numbers(&two, None).unwrap_err().kind(), "values-column");
+    assert_eq!(numbers(&two, Some(2)).unwrap(), [5.0, 6.0, 7.0, 8.0]);
+    for (file, kind) in [
+        (
+            overlay([4, 1, 1], 1, (3, &bytes(&VALUES[..3]))),
+            "surface-damaged",
+        ),
+        (
+            overlay([2, 2, 1], 1, (3, &bytes(&VALUES))),
+            "surface-unsupported",
+        ),
+        (
+            overlay([4, 1, 1], 1, (9, &bytes(&VALUES))),
+            "surface-unsupported",
+        ),
+        (overlay([i32::MAX, 1, 1], 1, (3, &[])), "surface-too-large"),
+        (overlay([4, 1, 1], i32::MAX, (3, &[])), "surface-too-large"),
+        (overlay([4, 1, -1], 1, (3, &[])), "surface-damaged"),
+        (
+            overlay([5, 1, 1], 1, (0, &[1; 5])),
+            "values-of-another-surface",
+        ),
+    ] {
+        assert_eq!(numbers(&file, None).unwrap_err().kind(), kind);
+    }
+}
+
+/// An annotation of four vertices, whose table is of the newer or the older kind.
+fn annotation(is_newer: bool) -> Vec<u8> {
+    let mut file: Vec<u8> = [4, 0, 0x03_02_01, 1, 0x06_05_04, 2, 0, 3, 0x03_02_01, 1]
+        .iter()
+        .flat_map(|n: &i32| n.to_be_bytes())
+        .collect();
+    let mut put = |numbers: &[i32], text: &str| {
+        file.extend(numbers.iter().flat_map(|n| n.to_be_bytes()));
+        file.extend((text.len() as i32).to_be_bytes());
+        file.extend(text.as_bytes());
+    };
+    let entries = [
+        (0, "unknown\0", [9, 9, 9]),
+        (1, "insula\0", [1, 2, 3]),
+        (2, "cuneus\0", [4, 5, 6]),
+    ];
+    let mut color: Vec<i32> = match is_newer {
+        true => {
+            put(&[-2, 3], "a table\0");
+            vec![3]
+        }
+        false => {
+            put(&[3], "a table\0");
+            Vec::new()
+        }
+    };
+    for (number, name, parts) in entries {
+        if is_newer {
+            color.push(number);
+        }
+        put(&color, name);
+        color = [&parts[..], &[0]].concat();
+    }
+    file.extend(color.iter().flat_map(|n| n.to_be_bytes()));
+    file
+}
+
+#[test]
+fn annotations_are_labels_with_names() {
+    let surface = freesurfer(&PLACES, &TRIANGLES, &footer(1));
+    for is_newer in [true, false] {
+        let file = annotation(is_newer);
+        let read = read_both(&surface, Some(&file)).unwrap();
+        assert!(read.are_labels);
+        assert_eq!(read.values, [1.0, 2.0, 0.0, 1.0]);
+        let names: Vec<_> = read
+            .names
+            .iter()
+            .map(|(key, name)| (*key, &**name))
+            .collect();
+        assert_eq!(names, [(0, "unknown"), (1, "insula"), (2, "cuneus")]);
+        for end in 0..file.len() {
+            assert!(read_both(&surface, Some(&file[..end])).is_err(), "{end}");
+        }
+        let mut beyond = file.clone();
+        beyond[12..16].copy_from_slice(&4i32.to_be_bytes());
+        let refused = read_both(&surface, Some(&beyond)).unwrap_err();
+        assert_eq!(refused.kind(), "surface-damaged");
+    }
+}
+
+#[test]
+fn what_is_drawn_states_labels_names_and_the_places_of_vertices() {
+    let lps = DAffine3::from_translation(DVec3::new(20.0, -20.0, 0.0));
+    let drawing = Drawing {
+        size: [16; 3],
+        patient_from_voxel: [
+            [1.0, 0.0, 0.0, lps.translation.x],
+            [0.0, 1.0, 0.0, lps.translation.y],
+            [0.0, 0.0, 1.0, lps.translation.z],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
+        space: Some(Space::Scanner),
+        column: None,
+        are_labels: None,
+    };
+    let file = freesurfer(&PLACES, &TRIANGLES, &footer(1));
+    let limits = imaging::Limits::default();
+    let draw = |values: &[Option<&[u8]>], drawing: &Drawing| {
+        let files: Vec<_> = values
+            .iter()
+            .map(|&values| SurfaceFiles {
+                surface: &file,
+                values,
+            })
+            .collect();
+        imaging::surface::draw(&files, None, drawing, &limits)
+    };
+    let seen = |volume: &[u8]| {
+        let read = imaging::nifti::read_values(volume, &limits).unwrap();
+        let defined = read.numbers.into_iter().filter(|number| !number.is_nan());
+        defined
+            .map(|number| number as i32)
+            .collect::<std::collections::BTreeSet<_>>()
+    };
+    let (volume, drawn) = draw(&[None], &drawing).unwrap();
+    assert!(drawn.are_labels);
+    assert_eq!(drawn.names, [(1, "surface 1".to_owned())].into());
+    assert_eq!(seen(&volume), [1].into());
+    let places = imaging::surface::places(&volume).unwrap();
+    assert_eq!(places.len(), 4);
+    for (found, [x, y, z]) in places.iter().zip(PLACES) {
+        assert!(found.distance(DVec3::new(-f64::from(x), -f64::from(y), z.into())) < 0.01);
+    }
+    let (values, annotation) = (curv(&VALUES), annotation(true));
+    let (volume, drawn) = draw(&[Some(&values)], &drawing).unwrap();
+    assert!(!drawn.are_labels);
+    assert!(imaging::surface::places(&volume).is_some());
+    let (volume, drawn) = draw(&[Some(&annotation)], &drawing).unwrap();
+    assert!(drawn.are_labels);
+    assert_eq!(seen(&volume), [0, 1, 2].into());
+    let as_map = Drawing {
+        are_labels: Some(false),
+        ..drawing.clone()
+    };
+    assert!(!draw(&[Some(&annotation)], &as_map).unwrap().1.are_labels);
+    assert_eq!(draw(&[None], &as_map).unwrap_err().kind(), "values-missing");
+    let mut other = annotation.clone();
+    let name = other.windows(6).position(|six| six == b"insula").unwrap();
+    other[name] = b'I';
+    let refused = draw(&[Some(&annotation), Some(&other)], &drawing).unwrap_err();
+    assert_eq!(refused.kind(), "labels-differ");
+    let plain =
+        imaging::nifti::write_numbers(&Grid::new([8; 3], lps).unwrap(), &[0.0; 512]).unwrap();
+    assert_eq!(imaging::surface::places(&plain), None);
+}
+
 #[test]
 fn hostile_gifti_is_refused() {
     let sound =
@@ -455,6 +657,15 @@ fn no_changed_byte_makes_a_reader_panic_or_a_vertex_without_a_place() {
     };
     let ascii = ascii.surface(&scanner()) + &ascii.values(&VALUES);
     let values = curv(&VALUES);
+    let annotation = annotation(true);
+    for at in 0..annotation.len() {
+        for with in [0, 1, 0x80, 0xff] {
+            let mut changed = annotation.clone();
+            changed[at] = with;
+            // Whatever comes of it.
+            let _read = read_both(&gifti(&PLAIN.surface(&scanner())), Some(&changed));
+        }
+    }
     for (file, values) in [
         (gifti(&both), None),
         (gifti(&ascii), None),

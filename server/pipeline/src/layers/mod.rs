@@ -1,5 +1,6 @@
 //! Layers: further volumes of the head of a case, with their voxels as they were acquired and their place in the case.
 
+mod fit;
 mod place;
 #[cfg(test)]
 mod tests;
@@ -15,7 +16,7 @@ use crate::codec::{decode_volume, encode_volume};
 use crate::failure::from_imaging;
 use crate::{Limits, attributes, sequence_of};
 
-use self::place::{Space, place};
+use self::place::{Space, place, place_of_surface};
 use self::voxels::{Seen, Voxels, outside};
 
 pub use self::place::LayerCase;
@@ -82,7 +83,10 @@ pub fn prepare_layer(
         Some(placement) => placement.clone(),
         None => {
             let space = Space::new(case, limits, (dicom.as_ref(), is_in_scanner_space))?;
-            place(case, &voxels.volume, parameters, &space)?
+            match parameters.surface {
+                Some(_) => place_of_surface(case, &source.volume)?,
+                None => place(case, &voxels.volume, parameters, &space)?,
+            }
         }
     };
     let case_from_layer = affine_of(&placement.case_from_layer);

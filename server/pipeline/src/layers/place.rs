@@ -10,6 +10,7 @@ use glam::DAffine3;
 use imaging::dicom::Attributes;
 use imaging::nifti;
 
+use super::fit::fit;
 use crate::affine::{affine_of, rows_of};
 use crate::failure::from_imaging;
 use crate::{Limits, attributes};
@@ -106,6 +107,10 @@ enum PlaceDoubt {
          head: it is of another head, moved, or in another space than it states"
     )]
     NotAlongCortex,
+    #[error(
+        "the surface lies more than 3 mm from the junction of grey and white matter of this head in the median: it is no surface of its cortex, or its place is wrong"
+    )]
+    FarFromJunction,
 }
 
 impl PlaceDoubt {
@@ -116,21 +121,14 @@ impl PlaceDoubt {
             Self::SpaceNotStated => "space-not-stated",
             Self::CoversTooLittle => "covers-too-little",
             Self::NotAlongCortex => "not-along-cortex",
+            Self::FarFromJunction => "far-from-junction",
         }
     }
 }
 
-/// Finds the place of a layer.
-///
-/// # Errors
-/// A [`Failure`] if it is to be registered and does not fit.
-pub(super) fn place(
-    case: &LayerCase<'_>,
-    layer: &Volume,
-    parameters: &LayerParameters,
-    space: &Space,
-) -> Result<PlacementFacts, Failure> {
-    let header = |doubt: Option<PlaceDoubt>| PlacementFacts {
+/// The place that the header states.
+fn header(doubt: Option<PlaceDoubt>) -> PlacementFacts {
+    PlacementFacts {
         case_from_layer: rows_of(DAffine3::IDENTITY),
         origin: MatrixOrigin::Header,
         verdict: PlacementVerdict::Unchecked,
@@ -144,15 +142,49 @@ pub(super) fn place(
         nmi_after: None,
         overlap: None,
         residual_mm: None,
-    };
-    let is_acquired = parameters.kind.is_acquired();
-    if let Some(surface) = &parameters.surface {
-        return Ok(header(match surface.follows_cortex() {
-            Some(true) => None,
-            Some(false) => Some(PlaceDoubt::NotAlongCortex),
-            None => Some(PlaceDoubt::CoversTooLittle),
-        }));
+        fit: None,
     }
+}
+
+/// The place of a layer that was drawn from surfaces, given its file: where they lie, compared with the head.
+///
+/// # Errors
+/// A [`Failure`] if they fit the head only if they are mirrored.
+pub(super) fn place_of_surface(
+    case: &LayerCase<'_>,
+    volume: &[u8],
+) -> Result<PlacementFacts, Failure> {
+    let places = imaging::surface::places(volume).unwrap_or_default();
+    let fit = fit(case, &places);
+    if fit.is_mirrored() {
+        return Err(Failure::unusable(
+            "surface-mirrored",
+            "the surface follows the cortex of the case only if it is mirrored: left and right seem to be swapped. Correct the file; nothing else puts its \
+             sides right",
+        ));
+    }
+    let doubt = match fit.follows_cortex() {
+        None => Some(PlaceDoubt::CoversTooLittle),
+        Some(false) => Some(PlaceDoubt::NotAlongCortex),
+        Some(true) => fit.is_far().then_some(PlaceDoubt::FarFromJunction),
+    };
+    Ok(PlacementFacts {
+        fit: Some(fit),
+        ..header(doubt)
+    })
+}
+
+/// Finds the place of a layer.
+///
+/// # Errors
+/// A [`Failure`] if it is to be registered and does not fit.
+pub(super) fn place(
+    case: &LayerCase<'_>,
+    layer: &Volume,
+    parameters: &LayerParameters,
+    space: &Space,
+) -> Result<PlacementFacts, Failure> {
+    let is_acquired = parameters.kind.is_acquired();
     match parameters.transform {
         Transform::Matrix(rows) => Ok(PlacementFacts {
             case_from_layer: rows,

@@ -87,6 +87,7 @@ fn a_moved_volume_is_registered_and_keeps_its_place() {
     let kept = PlacementFacts {
         reason: Some("of an earlier preparation".to_owned()),
         reason_code: None,
+        fit: None,
         ..placement.clone()
     };
     let again = prepare(&case, &source, &of_kind(LayerKind::Mr), Some(&kept)).unwrap();

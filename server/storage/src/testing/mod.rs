@@ -71,6 +71,7 @@ pub fn layer_facts() -> LayerFacts {
             quality: QualityState::Ok,
             reason: None,
             reason_code: None,
+            fit: None,
             nmi_before: Some(1.1),
             nmi_after: Some(1.2),
             overlap: Some(1.0),

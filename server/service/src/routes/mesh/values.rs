@@ -163,7 +163,7 @@ impl Values {
                 Some(findings.labels[index].into()).filter(|&number| number > 0.0)
             }
             _ if self.of == VertexValues::Depth => Some(profile::depth_mm(model.field(), position)),
-            _ => profile::intensity(model.volume(), position),
+            _ => model.volume().intensity_at(position),
         }
     }
 

@@ -37,10 +37,12 @@ pub struct LayerForm {
     /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
     #[schema(format = Binary, content_media_type = "application/dicom")]
     dicom: Option<Vec<String>>,
-    /// Instead of a volume, a surface with values, or both hemispheres as two parts: a binary surface of FreeSurfer, or GIFTI.
+    /// Instead of a volume, a surface with values, or both hemispheres as two parts: a binary surface of FreeSurfer, or GIFTI. Up to four surfaces
+    /// without values (white and pial of both hemispheres) are drawn themselves, as labels numbered from 1.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     surface: Option<Vec<String>>,
-    /// The values of each surface, in the same order: a `curv` file of FreeSurfer, or GIFTI. Absent if the GIFTI files of the surfaces have them.
+    /// The values of each surface, in the same order: a `curv` file, an overlay in an MGH file or an annotation of FreeSurfer, or GIFTI. Absent if
+    /// the GIFTI files of the surfaces have them, or if the surfaces themselves are drawn.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     values: Option<Vec<String>>,
     /// The T1 that the surface of FreeSurfer belongs to (mri/T1.mgz or mri/orig.mgz), if the footer of the surface does not state its place in
@@ -50,11 +52,11 @@ pub struct LayerForm {
     /// The names of labels, a text file: a line for each, with its number and its name.
     #[schema(format = Binary, content_media_type = "text/plain")]
     labels: Option<String>,
-    /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, otherwise
-    /// `mr`); `unit`; `contrast` of an MR (`t1`, `t2`, `flair` or `other`; by default from DICOM, otherwise from the name);
+    /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, from the
+    /// values of surfaces, otherwise `mr`); `unit`; `contrast` of an MR (`t1`, `t2`, `flair` or `other`; by default from DICOM, otherwise from the name);
     /// `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
     /// mm). For DICOM files also `series` and `allow_gaps`, and for NIfTI files `affine`, as for cases. For surfaces `column`, the number
-    /// of the values in a GIFTI file with several, from 1; and `space`, `scanner` or `tkregister`, if the files do not state what their
+    /// of the values in a file with several, from 1; and `space`, `scanner` or `tkregister`, if the files do not state what their
     /// coordinates are.
     parameters: Option<String>,
 }
@@ -91,7 +93,7 @@ struct SentParameters {
         (status = 409, description = "The case has too many layers, or another layer has the name; or surfaces are sent, and the case is not ready (`case-not-ready`)"),
         (status = 413, description = "The body is too large, or a surface is (`surface-too-large`)"),
         (status = 415, description = "The body is not a form, its volume is neither NIfTI, MGH nor DICOM, or its surface or values are neither FreeSurfer's nor GIFTI (`surface-not-recognised`)"),
-        (status = 422, description = "The volume cannot be used, or it is of another patient than the case (`layer-of-another-patient`): both are from DICOM, and differ in patient id, issuer or date of birth; or the PACS has rejected its images (`images-rejected`). Of surfaces: a file is damaged (`surface-damaged`) or has what is not supported (`surface-unsupported`), the values are missing (`values-missing`), have several columns (`values-column`) or are of another surface (`values-of-another-surface`), the place in the scanner is not known (`surface-space-unknown`), nothing lies in the head (`layer-outside-head`), the sides are swapped (`surface-mirrored`), or a parameter does not fit surfaces (`surface-parameters`)"),
+        (status = 422, description = "The volume cannot be used, or it is of another patient than the case (`layer-of-another-patient`): both are from DICOM, and differ in patient id, issuer or date of birth; or the PACS has rejected its images (`images-rejected`). Of surfaces: a file is damaged (`surface-damaged`) or has what is not supported (`surface-unsupported`), the values are missing (`values-missing`), have several columns (`values-column`) or are of another surface (`values-of-another-surface`), a label has different names in the files (`labels-differ`), the place in the scanner is not known (`surface-space-unknown`), nothing lies in the head (`layer-outside-head`), or a parameter does not fit surfaces (`surface-parameters`)"),
         (status = 503, description = "Too much work is waiting"),
         (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
     )
@@ -182,8 +184,8 @@ const OF_LAYER: Options = Options {
     form: None,
 };
 
-/// The most surfaces of a layer: both hemispheres.
-const MAX_SURFACES: usize = 2;
+/// The most surfaces of a layer: white and pial of both hemispheres.
+const MAX_SURFACES: usize = 4;
 
 /// The parts of surfaces.
 #[derive(Default)]
@@ -202,8 +204,8 @@ impl SurfaceParts {
         let (surfaces, values) = (self.surfaces.len(), self.values.len());
         if !(1..=MAX_SURFACES).contains(&surfaces) || (values != surfaces && values != 0) {
             let detail = format!(
-                "the form has {surfaces} parts `surface` and {values} parts `values`; send one surface, or two, and as many `values`, or none if the GIFTI \
-                 files of the surfaces have them"
+                "the form has {surfaces} parts `surface` and {values} parts `values`; send 1 to {MAX_SURFACES} surfaces and as many `values`, or none if the \
+                 GIFTI files of the surfaces have them, or to draw the surfaces themselves"
             );
             return Err(AppError::bad_request("surface-parts", detail));
         }
