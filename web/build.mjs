@@ -64,7 +64,7 @@ const DOCUMENTS = [
   },
   { address: "/launch", file: "launch.html", class: "launching", description: "Opens the case of a study." },
 ];
-const SCRIPT = "src/main.ts";
+const SCRIPT = "src/start/main.ts";
 const STYLE = "src/style.css";
 /** The document that the server fills with a case, to hand on. */
 const SHARED = { file: "share.html", template: "src/share.html", entry: "src/share/main.tsx" };

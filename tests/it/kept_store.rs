@@ -129,9 +129,10 @@ async fn a_store_of_an_earlier_program_is_opened_and_has_what_it_had() {
         panic!("the store has one case: {list}");
     };
     let case = format!("/v1/cases/{}", case["id"].as_str().unwrap());
-    // What a migration has counted in the document of the findings.
-    let body = axum::body::Body::from(r#"{"patients": false}"#);
-    let search = axum::http::Request::post("/v1/cases/search").body(body);
+    // What a migration has counted in the document of the findings, and found in the facts of the case.
+    let mask = &list["cases"][0]["quality"]["state"];
+    let body = json!({"patients": false, "mask": mask}).to_string();
+    let search = axum::http::Request::post("/v1/cases/search").body(axum::body::Body::from(body));
     let listed = server.send(search.unwrap()).await.json();
     let findings = server.get(&format!("{case}/findings")).await.json();
     let findings = findings["findings"].as_array().unwrap().iter();

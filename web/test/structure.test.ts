@@ -15,6 +15,7 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   page: ["model", "base", "gl", "store", "panes"],
   compare: ["model", "base", "store", "page"],
   launch: ["base", "store", "page"],
+  start: ["page", "compare", "launch"],
   widget: ["model", "base", "store", "panes"],
   share: ["model", "base", "store", "page"],
 };

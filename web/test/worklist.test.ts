@@ -10,19 +10,20 @@ import { Cases } from "../src/store/cases.ts";
 import english from "../src/words.en.json";
 
 test("an address keeps the filters and the order, and never what is searched for", () => {
-  const filter = { sort: "places", status: "begun", days: "7", text: "Doe" } as const;
+  const filter = { sort: "places", status: "begun", days: "7", mask: "review", has: "findings", text: "Doe" } as const;
   const address = listAddress(filter);
-  assert.equal(address, "#cases&status=begun&days=7&sort=places");
+  assert.equal(address, "#cases&status=begun&days=7&mask=review&has=findings&sort=places");
   assert.deepEqual(readAddress(address), { kind: "list", filter: { ...filter, text: "" } });
   assert.equal(listAddress(ALL), "#cases");
-  assert.deepEqual(readAddress("#cases&status=x&sort=&days=8"), { kind: "list", filter: ALL });
+  assert.deepEqual(readAddress("#cases&status=x&sort=&days=8&mask=&has=x"), { kind: "list", filter: ALL });
 });
 
 test("the server is asked for what the filter leaves", () => {
   const now = Date.UTC(2026, 10, 29, 12);
   assert.deepEqual(searchBody(ALL, now), { patients: false, sort: "newest" });
-  const filter = { sort: "label", status: "new", days: "7", text: " ab " } as const;
-  const conditions = { patients: false, sort: "label", status: "new", from: "2026-11-23", text: "ab" };
+  const filter = { sort: "label", status: "new", days: "7", mask: "ok", has: "layers", text: " ab " } as const;
+  const narrow = { status: "new", from: "2026-11-23", mask: "ok", has: "layers", text: "ab" };
+  const conditions = { patients: false, sort: "label", ...narrow };
   assert.deepEqual(searchBody(filter, now), conditions);
   assert.deepEqual(searchBody({ ...ALL, days: "1" }, now).from, "2026-11-29");
   assert.deepEqual(searchBody({ ...ALL, status: "trash" }, now), { patients: false, sort: "newest", trashed: true });

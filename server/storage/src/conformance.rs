@@ -121,6 +121,7 @@ macro_rules! conformance {
                 cases_are_searched_by_what_they_are_and_whose
                 a_list_states_what_is_to_be_done_and_is_sorted_by_it
                 a_list_is_paged_by_position_and_leaves_the_trash_out
+                cases_are_found_by_the_rating_of_their_masks
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
                 a_layer_is_leased_once_its_case_is_ready

@@ -11,6 +11,7 @@ mod label;
 mod layers;
 mod location;
 mod manifest;
+mod natural;
 mod objects;
 mod page;
 mod pinned;
@@ -56,7 +57,7 @@ pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
 };
-pub use self::page::{CaseQuery, Cursor, Listed, Order, Page, Status, is_id};
+pub use self::page::{CaseQuery, Cursor, Has, Listed, Order, Page, Status, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::readings::{ReadingState, StoredReading, WrittenReading};
 pub use self::rows::{LayerName, Made, Owner, Pinned, Published, Submitted};

@@ -5,7 +5,7 @@ use std::fmt;
 use jiff::Timestamp;
 
 use case::series::{AccessionNumber, PatientDigest, Uid};
-use case::{Case, CaseState};
+use case::{Case, CaseState, QualityState};
 use strum::{EnumString, IntoStaticStr};
 
 /// Which cases to list, and how: those that fulfil each condition that is given; without one, all.
@@ -25,6 +25,13 @@ pub struct CaseQuery {
     /// A part of the label or of the name of an author of findings, whether in upper or lower case, or the beginning of the id.
     pub text: Option<String>,
     pub status: Option<Status>,
+    /// The rating of the mask; of ready cases alone.
+    pub mask: Option<QualityState>,
+    /// A part of the name of a layer, whether in upper or lower case.
+    pub layer: Option<String>,
+    /// A part of the name of an author of findings, whether in upper or lower case.
+    pub reader: Option<String>,
+    pub has: Option<Has>,
     /// Whether they are in the trash.
     pub trashed: Option<bool>,
     pub order: Order,
@@ -59,6 +66,29 @@ impl Status {
     }
 }
 
+/// What a case has at least one of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
+pub enum Has {
+    /// Places of its maps that stand out.
+    Places,
+    /// Findings that were not dismissed.
+    Findings,
+    Layers,
+}
+
+impl Has {
+    /// The name in JSON.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// What has a name; `None` if nothing has.
+    pub fn from_name(name: &str) -> Option<Self> {
+        name.parse().ok()
+    }
+}
+
 /// The order of a list of cases. Those that are alike are listed newest first.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, EnumString, IntoStaticStr)]
 #[strum(serialize_all = "kebab-case")]
@@ -66,7 +96,7 @@ pub enum Order {
     #[default]
     Newest,
     Oldest,
-    /// By the label; cases without one last.
+    /// By the label, numbers by their value; cases without one last.
     Label,
     /// Those with the most places that stand out first.
     Places,

@@ -21,7 +21,7 @@ import { doubtsOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
 import { ROW_PIXELS, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { firstState } from "../model/state.ts";
-import { DAYS, ORDERS, type Order, STATUSES } from "../model/worklist.ts";
+import { DAYS, HAVINGS, MASKS, ORDERS, type Order, STATUSES } from "../model/worklist.ts";
 import { mayWrite } from "../store/holder.ts";
 import type { App } from "./app.ts";
 import { Button, Choice, IconButton, Placed, Search, Status } from "./fields.tsx";
@@ -139,6 +139,22 @@ export function CaseList({ app }: { readonly app: App }) {
           value={filter.days}
           words={(days) => t(`days.${days || "all"}`)}
           onChoose={(days) => cases.choose({ days })}
+        />
+        <Choice
+          id="case-mask"
+          label={t("cases.mask")}
+          values={["", ...MASKS]}
+          value={filter.mask}
+          words={(mask) => t(`mask.${mask || "all"}`)}
+          onChoose={(mask) => cases.choose({ mask })}
+        />
+        <Choice
+          id="case-has"
+          label={t("cases.has")}
+          values={["", ...HAVINGS]}
+          value={filter.has}
+          words={(has) => t(`has.${has || "all"}`)}
+          onChoose={(has) => cases.choose({ has })}
         />
         <Choice
           id="case-order"

@@ -1,4 +1,4 @@
-//! Cases by label, state, day, study, series, accession number and Patient ID, in the order that a worklist needs. The request is in
+//! Cases by what they are, what they have and whose they are, in the order that a worklist needs. The request is in
 //! a body, because addresses are logged.
 
 use access::audited::NamesPatient;
@@ -8,15 +8,15 @@ use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
-use case::CaseState;
 use case::series::{AccessionNumber, PatientDigest, Uid};
+use case::{CaseState, QualityState};
 use cases::Cases;
 use cases::search::{Found, FoundPage};
 use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 use serde::{Deserialize, Serialize};
-use storage::{CaseQuery, Cursor, Order, Status};
+use storage::{CaseQuery, Cursor, Has, Order, Status};
 use utoipa::ToSchema;
 
 use super::cases::CaseView;
@@ -53,10 +53,18 @@ pub struct CaseSearch {
     /// What is to be done: `preparing` (also if it waits for that), `failed`, `new` (ready, and nothing is written about it), `begun`, or `signed` (by all
     /// who have begun a reading).
     status: Option<String>,
+    /// The rating of the mask: `ok`, `review` or `failed`.
+    mask: Option<String>,
+    /// A part of the name of a layer, 1 to 100 characters, whether in upper or lower case.
+    layer: Option<String>,
+    /// A part of the name of somebody who has written findings, 1 to 100 characters, whether in upper or lower case.
+    reader: Option<String>,
+    /// What there is at least one of: `places` that stand out, `findings` that were not dismissed, or `layers`.
+    has: Option<String>,
     /// Whether they are in the trash.
     #[serde(default)]
     trashed: bool,
-    /// `newest` (the default), `oldest`, `label`, `places` or `findings`: the most first.
+    /// `newest` (the default), `oldest`, `label` (numbers by their value), `places` or `findings`: the most first.
     sort: Option<String>,
     /// Whether the answer states whose they are. If it does, and if a condition is a study, a series, an accession number or a patient,
     /// that is recorded in the audit record each time; a list that is asked for again and again does without.
@@ -182,6 +190,20 @@ impl CaseSearch {
                 self.status.as_ref(),
                 "`preparing`, `failed`, `new`, `begun` or `signed`",
                 Status::from_name,
+            )?,
+            mask: value(
+                "mask",
+                self.mask.as_ref(),
+                "`ok`, `review` or `failed`",
+                QualityState::from_name,
+            )?,
+            layer: value("layer", self.layer.as_ref(), "1 to 100 characters", label)?,
+            reader: value("reader", self.reader.as_ref(), "1 to 100 characters", label)?,
+            has: value(
+                "has",
+                self.has.as_ref(),
+                "`places`, `findings` or `layers`",
+                Has::from_name,
             )?,
             trashed: Some(self.trashed),
             order: order.unwrap_or_default(),

@@ -1,10 +1,10 @@
 //! Checks of the list of cases: what it states, its filters and its orders.
 
 use super::layers::{insert_layer, ready_case};
-use super::{Subject, insert};
-use crate::testing::{claim, rename};
-use crate::{CaseQuery, Listed, Order, Status, Store, WrittenReading};
-use case::{CaseChange, CaseId};
+use super::{Subject, derived, insert};
+use crate::testing::{claim, facts, rename};
+use crate::{CaseQuery, Has, Listed, Order, Status, Store, WrittenReading};
+use case::{CaseChange, CaseFacts, CaseId, CaseState, QualityState};
 
 /// A reading in which nothing is left.
 const EMPTY: &str = r#"{"conclusion":"","findings":[]}"#;
@@ -37,7 +37,7 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
         "one that is being prepared waits no less"
     );
     let [first, second, third] = [0, 1, 2].map(|number: usize| ids[number]);
-    for (id, label) in [(first, "b"), (second, "A"), (third, "c")] {
+    for (id, label) in [(first, "case 10"), (second, "Case 9"), (third, "Head")] {
         rename(store, &id, label).await;
     }
     write(
@@ -121,6 +121,27 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
         }
     }
 
+    let has = async |has| {
+        let query = CaseQuery {
+            has: Some(has),
+            ..CaseQuery::default()
+        };
+        found(store, query).await
+    };
+    assert_eq!(has(Has::Places).await, [third, first]);
+    assert_eq!(has(Has::Findings).await, [first]);
+    assert_eq!(has(Has::Layers).await, [first]);
+    let of_layer = CaseQuery {
+        layer: Some("PE".to_owned()),
+        ..CaseQuery::default()
+    };
+    assert_eq!(found(store, of_layer).await, [first]);
+    let of_reader = CaseQuery {
+        reader: Some("zO".to_owned()),
+        ..CaseQuery::default()
+    };
+    assert_eq!(found(store, of_reader).await, [first]);
+
     let text = async |text: &str| {
         let query = CaseQuery {
             text: Some(text.to_owned()),
@@ -128,7 +149,7 @@ pub(crate) async fn a_list_states_what_is_to_be_done_and_is_sorted_by_it(subject
         };
         found(store, query).await
     };
-    assert!(text("a").await.contains(&second));
+    assert!(text("cASE").await.contains(&second));
     assert_eq!(text("zO").await, [first], "who has read it");
     assert_eq!(text(&waits.to_string()[..8]).await, [waits]);
     assert_eq!(text("%").await, [], "no pattern");
@@ -170,4 +191,45 @@ pub(crate) async fn a_list_is_paged_by_position_and_leaves_the_trash_out(subject
     assert_eq!(found(store, in_trash).await, [ids[2]]);
     let page = store.cases(&CaseQuery::default(), None, 9).await.unwrap();
     assert_eq!((page.cases.len(), page.total), (5, None), "upkeep sees all");
+}
+
+/// The facts of a case with a rating.
+fn rated(state: &str) -> CaseFacts {
+    let numbers = serde_json::json!({
+        "brain_ml": 1400.0, "closing_added": 0.1, "largest_component": 1.0, "extents_mm": [140.0, 170.0, 130.0],
+        "cut_area_cm2": [0, 0, 0, 0, 0, 0],
+    });
+    let quality = serde_json::json!({"state": state, "method": "supplied", "numbers": numbers, "reasons": []});
+    CaseFacts {
+        quality: Some(serde_json::from_value(quality).unwrap()),
+        ..facts()
+    }
+}
+
+pub(crate) async fn cases_are_found_by_the_rating_of_their_masks(subject: &Subject) {
+    let store = &subject.store;
+    let mut ids = Vec::new();
+    for state in ["ok", "review", "failed"] {
+        ids.push(insert(store, state).await.id);
+        let leased = claim(store).await.unwrap();
+        let derived = derived(store, state).await;
+        let facts = rated(state);
+        let made = store.make_case_ready(&leased, &derived, &facts, &[]);
+        made.await.unwrap();
+        subject.pass(60);
+    }
+    insert(store, "waits").await;
+    let of = async |mask| {
+        let query = CaseQuery {
+            mask: Some(mask),
+            ..CaseQuery::default()
+        };
+        found(store, query).await
+    };
+    assert_eq!(of(QualityState::Ok).await, [ids[0]]);
+    assert_eq!(of(QualityState::Review).await, [ids[1]]);
+    assert_eq!(of(QualityState::Failed).await, [ids[2]]);
+    let is_ready = CaseState::Ready;
+    assert!(store.prepare_again(&ids[2], is_ready).await.unwrap());
+    assert_eq!(of(QualityState::Failed).await, [], "it is not ready");
 }

@@ -4,14 +4,17 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row, Value, containing, unreadable};
 use super::made::{self, read_closed};
-use super::{findings, jobs, layers, owners, series};
+use super::{Rows, findings, jobs, layers, owners, series};
 use crate::args;
 use crate::jobs::{Claim, NewJob};
+use crate::natural::natural_key;
 use crate::rows::{Made, NewCase, Owner, Pinned, Published, Referred, Submitted};
-use crate::{CaseQuery, Cursor, Listed, Order, Page, Status, Store, StoreError};
+use crate::{CaseQuery, Cursor, Has, Listed, Order, Page, Status, Store, StoreError};
 use case::images::Closed;
 use case::series::{AccessionNumber, PatientDigest, Uid};
-use case::{Case, CaseChange, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
+use case::{
+    Case, CaseChange, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters, QualityState,
+};
 
 impl Store {
     /// One case.
@@ -108,8 +111,12 @@ impl Store {
         let (mut transaction, _) = self.write().await?;
         let changed = transaction
             .execute(
-                "UPDATE cases SET name = coalesce($1, name), kept = coalesce($2, kept), trashed = coalesce($3, trashed) WHERE id = $4",
-                args![&change.name, change.kept, change.trashed, id.to_string()],
+                "UPDATE cases SET name = coalesce($1, name), kept = coalesce($2, kept), trashed = coalesce($3, trashed),
+                                  label_key = coalesce($5, label_key) WHERE id = $4",
+                args![
+                    &change.name, change.kept, change.trashed, id.to_string(),
+                    change.name.as_deref().map(natural_key),
+                ],
             )
             .await?;
         transaction.commit().await?;
@@ -190,8 +197,8 @@ impl Store {
         }
         let stored = serde_json::to_string(facts)?;
         transaction.execute(
-            "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
-            args![&stored, owners::digest(&stored), values_of(facts), id.to_string()],
+            "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, mask = $5, failure = NULL WHERE id = $4",
+            args![&stored, owners::digest(&stored), values_of(facts), id.to_string(), mask_of(facts)],
         )
         .await?;
         for &kind in next {
@@ -233,9 +240,9 @@ impl Store {
         let written = transaction
             .execute(
                 "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
-                                    uploaded_at, kept, trashed, previous)
-                 VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, (SELECT id FROM cases WHERE id = $14))
-                 ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
+                                    uploaded_at, kept, trashed, previous, label_key, mask)
+                 VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, (SELECT id FROM cases WHERE id = $14), $15, $16)
+                 ON CONFLICT (id) DO UPDATE SET name = excluded.name, label_key = excluded.label_key, mask = excluded.mask, state = excluded.state, failure = excluded.failure,
                                                 facts = excluded.facts, facts_digest = excluded.facts_digest,
                                                 voxels = excluded.voxels,
                                                 uploaded_at = excluded.uploaded_at, kept = excluded.kept,
@@ -247,7 +254,8 @@ impl Store {
                     facts, digest,
                     case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(),
                     case.uploaded_at.as_microsecond(), case.kept, case.trashed,
-                    case.previous.map(|id| id.to_string()),
+                    case.previous.map(|id| id.to_string()), key_of(case.parameters.name.as_deref()),
+                    case.facts.as_ref().map(mask_of),
                 ],
             )
             .await?;
@@ -333,7 +341,18 @@ macro_rules! conditions {
                               AND lower(findings.readers) LIKE lower($6) ESCAPE '!'))
               AND $7 IN ('', ",
             status!(),
-            ") AND (trashed = $8 OR $8 IS NULL) "
+            ") AND (trashed = $8 OR $8 IS NULL)
+              AND ($13 = '' OR (state = 'ready' AND mask = $13))
+              AND ($14 = '' OR EXISTS (SELECT 1 FROM layers WHERE layers.case_id = cases.id
+                                       AND lower(layers.name) LIKE lower($14) ESCAPE '!'))
+              AND ($15 = '' OR EXISTS (SELECT 1 FROM findings WHERE findings.case_id = cases.id
+                                       AND lower(findings.readers) LIKE lower($15) ESCAPE '!'))
+              AND CASE $16 WHEN 'places' THEN coalesce(",
+            places!(),
+            ", 0) > 0 WHEN 'findings' THEN coalesce(",
+            kept_findings!(),
+            ", 0) > 0 WHEN 'layers' THEN EXISTS (SELECT 1 FROM layers WHERE layers.case_id = cases.id)
+                   ELSE TRUE END "
         )
     };
 }
@@ -360,21 +379,21 @@ macro_rules! select_page {
              (SELECT string_agg(layers.name, '\n' ORDER BY layers.place, layers.id) FROM layers
               WHERE layers.case_id = cases.id) AS layers
              FROM cases WHERE id IN (SELECT id FROM cases WHERE ",
-            conditions!($($by)*), $($order)*, " LIMIT $13 OFFSET $14)",
+            conditions!($($by)*), $($order)*, " LIMIT $17 OFFSET $18)",
             $($order)*
         )
     };
 }
 
-/// How many cases a search finds; a page of them, newest first; and one in the order of `$15`.
+/// How many cases a search finds; a page of them, newest first; and one in the order of `$19`.
 macro_rules! search {
     ($($by:tt)*) => {
         [
             concat!("SELECT count(*) AS count FROM cases WHERE ", conditions!($($by)*)),
             select_page!([$($by)*], [" ORDER BY created_at DESC, id DESC"]),
             select_page!([$($by)*], [concat!(
-                " ORDER BY CASE $15 WHEN 'label' THEN lower(name) END NULLS LAST,
-                  CASE $15 WHEN 'oldest' THEN -created_at WHEN 'places' THEN coalesce(", places!(), ", -1)
+                " ORDER BY CASE $19 WHEN 'label' THEN nullif(label_key, '') END NULLS LAST,
+                  CASE $19 WHEN 'oldest' THEN -created_at WHEN 'places' THEN coalesce(", places!(), ", -1)
                            WHEN 'findings' THEN coalesce(", kept_findings!(), ", 0) END DESC,
                   created_at DESC, id DESC"
             )]),
@@ -467,11 +486,12 @@ pub async fn closed(
 /// Writes the row of a new case.
 async fn insert(connection: &mut Connection, new: &NewCase, now: i64) -> Result<(), StoreError> {
     connection.execute(
-        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
-         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))",
+        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous, label_key)
+         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6), $7)",
         args![
             new.id.to_string(), new.parameters.closing_radius_mm, without_columns(&new.parameters)?,
             &new.parameters.name, now, new.previous.map(|id| id.to_string()),
+            key_of(new.parameters.name.as_deref()),
         ],
     )
     .await?;
@@ -507,11 +527,53 @@ pub(super) async fn change_facts(
     let stored = serde_json::to_string(facts)?;
     connection
         .execute(
-            "UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'",
-            args![&stored, owners::digest(&stored), id.to_string()],
+            "UPDATE cases SET facts = $1, facts_digest = $2, mask = $4 WHERE id = $3 AND state = 'ready'",
+            args![&stored, owners::digest(&stored), id.to_string(), mask_of(facts)],
         )
         .await?;
     Ok(())
+}
+
+/// What labels are sorted by.
+fn key_of(label: Option<&str>) -> String {
+    label.map(natural_key).unwrap_or_default()
+}
+
+/// The rating of the mask, as the list is filtered by it.
+fn mask_of(facts: &CaseFacts) -> &'static str {
+    let quality = facts.quality.as_ref();
+    quality.map_or("", |quality| quality.state.name())
+}
+
+/// The cases that [`write_keys`] completes at once.
+const KEYS_AT_ONCE: i64 = 200;
+
+/// Writes the keys of some cases that a program without them has written; whether there may be more.
+pub(super) async fn write_keys(rows: &Rows) -> Result<bool, StoreError> {
+    let missing = "SELECT id, name, facts FROM cases WHERE label_key IS NULL LIMIT $1";
+    // Nobody waits for the writer where there is nothing to write.
+    let mut connection = rows.connect().await?;
+    let one = connection.fetch_optional(missing, args![1_i64]).await?;
+    drop(connection);
+    if one.is_none() {
+        return Ok(false);
+    }
+    let (mut transaction, _) = rows.write().await?;
+    let found = transaction.fetch_all(missing, args![KEYS_AT_ONCE]).await?;
+    for row in &found {
+        let [id, name, facts]: [Option<String>; 3] =
+            [row.get("id")?, row.get("name")?, row.get("facts")?];
+        // Damaged facts are made again, and then rated.
+        let facts = facts.and_then(|facts| serde_json::from_str::<CaseFacts>(&facts).ok());
+        transaction
+            .execute(
+                "UPDATE cases SET label_key = $1, mask = coalesce(mask, $2) WHERE id = $3",
+                args![key_of(name.as_deref()), facts.as_ref().map(mask_of), id],
+            )
+            .await?;
+    }
+    transaction.commit().await?;
+    Ok(true)
 }
 
 /// What [`with_voxels`] finds a case by.
@@ -666,6 +728,10 @@ async fn page(
             series,
             number,
             &patient,
+            query.mask.map_or("", QualityState::name),
+            part(&query.layer),
+            part(&query.reader),
+            query.has.map_or("", Has::name),
         ]
     };
     let number = |number: usize| i64::try_from(number).unwrap_or(i64::MAX);

@@ -51,6 +51,11 @@ const SQLITE: &Migrations = &[
         "readings",
         include_str!("../../migrations/sqlite/0220_readings.sql"),
     ),
+    (
+        240,
+        "worklist",
+        include_str!("../../migrations/sqlite/0240_worklist.sql"),
+    ),
 ];
 
 const POSTGRES: &Migrations = &[
@@ -63,6 +68,11 @@ const POSTGRES: &Migrations = &[
         220,
         "readings",
         include_str!("../../migrations/postgres/0220_readings.sql"),
+    ),
+    (
+        240,
+        "worklist",
+        include_str!("../../migrations/postgres/0240_worklist.sql"),
     ),
 ];
 
@@ -107,7 +117,9 @@ impl Rows {
     ) -> Result<Self, StoreError> {
         let [of_tables, _] = tables.migrations();
         migrate([SQLITE, of_tables], connections.pool()).await?;
-        Ok(Self::of(Database::Sqlite(connections), tables))
+        Self::of(Database::Sqlite(connections), tables)
+            .completed()
+            .await
     }
 
     /// Whether a database has the tables of a store.
@@ -130,7 +142,15 @@ impl Rows {
         // One process migrates at a time: the migrator takes a lock.
         let [_, of_tables] = tables.migrations();
         migrate([POSTGRES, of_tables], connections.pool()).await?;
-        Ok(Self::of(Database::Postgres(connections), tables))
+        Self::of(Database::Postgres(connections), tables)
+            .completed()
+            .await
+    }
+
+    /// The rows, once they have what a migration left to the program.
+    async fn completed(self) -> Result<Self, StoreError> {
+        while cases::write_keys(&self).await? {}
+        Ok(self)
     }
 
     fn of(database: Database, tables: Arc<dyn Tables>) -> Self {

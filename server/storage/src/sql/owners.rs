@@ -7,6 +7,7 @@ use super::connection::{Connection, read_name};
 use super::{jobs, pins};
 use crate::args;
 use crate::jobs::NewJob;
+use crate::natural::natural_key;
 use crate::rows::{Owner, Pinned, Published, Referred, Relabel};
 use crate::{ObjectName, Store, StoreError};
 
@@ -94,9 +95,10 @@ pub(super) async fn came_again(
     let last = name.filter(|_| relabel == Relabel::Unlabelled);
     let row = connection
         .fetch_optional(
-            "UPDATE cases SET uploaded_at = $1, name = coalesce($2, name, $3) WHERE id = $4
+            "UPDATE cases SET uploaded_at = $1, name = coalesce($2, name, $3),
+                              label_key = coalesce($5, CASE WHEN name IS NULL THEN $6 END, label_key) WHERE id = $4
              RETURNING state, NULL AS job_state",
-            args![now, first, last, id.to_string()],
+            args![now, first, last, id.to_string(), first.map(natural_key), last.map(natural_key)],
         )
         .await?;
     Ok(row.as_ref().and_then(jobs::read_state))

@@ -435,6 +435,32 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn cases_of_a_program_without_their_keys_get_them() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("rows.sqlite");
+        let (store, ready) = with_a_ready_case(&file).await;
+        rename(&store, &ready, "case 10").await;
+        let new = testing::new_case(&store, "another").await;
+        store.insert_case(&new).await.unwrap();
+        rename(&store, &new.id, "Case 9").await;
+        // As that program leaves them; one of the two has damaged facts.
+        sqlx::query("UPDATE cases SET label_key = NULL, mask = NULL, facts = CASE name WHEN 'Case 9' THEN '{' ELSE facts END")
+            .execute(pool(&store))
+            .await
+            .unwrap();
+        store.rows().database.close().await;
+        let store = at(&file).await.unwrap();
+        let keys: Vec<(String, Option<String>)> =
+            sqlx::query_as("SELECT label_key, mask FROM cases ORDER BY label_key")
+                .fetch_all(pool(&store))
+                .await
+                .unwrap();
+        let expected = [("case 0019", None), ("case 00210", Some(""))];
+        let expected = expected.map(|(key, mask)| (key.to_owned(), mask.map(str::to_owned)));
+        assert_eq!(keys, expected);
+    }
+
+    #[tokio::test]
     async fn a_damaged_file_is_not_opened_for_work() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
