@@ -85,7 +85,8 @@ def wheel(root, version, platform):
         for path, inside in files_of(root)
     ]
     package = PYTHON / "isocortex"
-    contents += [(f"isocortex/{path.name}", path.read_bytes(), 0o644) for path in sorted([*package.glob("*.py"), package / "py.typed", package / "view.js"])]
+    modules = sorted([*package.rglob("*.py"), package / "py.typed", package / "view.js"])
+    contents += [(str(path.relative_to(PYTHON)), path.read_bytes(), 0o644) for path in modules]
     for name in LICENCES:
         contents.append((f"{info}/licenses/{name}", (licences / name).read_bytes(), 0o644))
     contents.append((f"{info}/METADATA", metadata(version).encode(), 0o644))
