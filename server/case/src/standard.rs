@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::PlaneFacts;
 use crate::findings::{Finding, FindingKind};
 
-/// How far the position of an atlas may be off, in mm: nine tenths of the cortex of four heads lay nearer to where a nonlinear registration
-/// put them. It is no limit: a fit of the whole head cannot follow its sulci.
+/// How far the position of an atlas may be off, in mm. At 3000 positions in each brain of csi1 and pycortex-s1 it lay 3 mm in the median, 6 mm
+/// in nine tenths and 10 mm at most from where a nonlinear registration to MNI 152 puts them (ANTs, SyN), which has errors of its own.
 pub const ATLAS_ERROR_MM: u32 = 10;
 
 /// A position in spaces in which heads are compared: to the right, to the front and upwards, in mm.
@@ -89,7 +89,7 @@ impl AcPc {
     pub fn at(&self, position_in_patient: [f64; 3]) -> [f64; 3] {
         let from_middle = minus(position_in_patient, self.middle);
         self.axes
-            .map(|axis| (10.0 * dot(axis, from_middle)).round() / 10.0)
+            .map(|axis| (10.0 * dot(axis, from_middle)).round() / 10.0 + 0.0)
     }
 }
 
