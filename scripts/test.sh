@@ -1,7 +1,6 @@
 #!/usr/bin/env bash
 # Runs the checks: `fast` (format, lints, fast unit tests) or `all` (also the integration, documentation and browser tests).
-# Every step runs even if an earlier one failed; the last line is a summary. Of the laboratory, a workspace of its own, `all` tests
-# the trial, which is made for users: `make lab` checks the rest.
+# Every step runs even if an earlier one failed; the last line is a summary. `make lab` checks the laboratory, a workspace of its own.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -71,14 +70,6 @@ rust_tests() {
 
 # The example of each crate's README.
 documentation_tests() { cargo test --locked --doc --no-fail-fast; }
-
-lab_trial() {
-  if have cargo-nextest; then
-    lab_cargo nextest run --locked --profile default --retries "$retries" --test trial
-  else
-    lab_cargo test --locked --test trial
-  fi
-}
 
 # A merge that was committed half done builds as long as the marks lie in documents.
 no_conflict_marks() { ! git grep -nE '^(<{7}|>{7})( |$)'; }
@@ -188,7 +179,6 @@ else
   step build cargo build --locked --bins --tests
   step tests rust_tests --lib --bins --tests
   step "documentation tests" documentation_tests
-  step "laboratory's trial" lab_trial
   if [ "${CI:-}" = true ] || [ -n "$python" ]; then
     step "Python package" python_tests
   else

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Checks the laboratory: format, lints, tests, licences and advisories. `make test` and the continuous integration test its trial alone.
+# Checks the laboratory: format, lints, tests, licences and advisories.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/../../scripts/lib.sh"

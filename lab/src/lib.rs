@@ -6,7 +6,6 @@
 
 pub mod agreement;
 mod backends;
-pub mod bids;
 mod brain;
 mod clock;
 pub mod counted;

@@ -10,9 +10,6 @@ use crate::{Cell, Table, readable};
 /// The x axis of a plot over meshes.
 const TRIANGLES: &str = "triangles";
 
-/// The least numbers of false marks per head in a plot of a search that do not count any more.
-const FALSE_MARKS: [usize; 10] = [1, 2, 3, 5, 7, 10, 20, 30, 50, 100];
-
 /// Width and height of a plot, in pixels.
 const SIZE: (u32, u32) = (760, 520);
 
@@ -167,35 +164,6 @@ fn agreement(table: &Table) -> Plot {
         is_log: false,
         series: means().map(line).collect(),
     }
-}
-
-/// Curves as SVG: the share of lesions that are found over the number of false marks per head. A curve is its name with the number of
-/// false marks above each lesion, `None` if it is not found.
-pub(crate) fn false_mark_curves(
-    title: String,
-    y: &'static str,
-    curves: impl IntoIterator<Item = (String, Vec<Option<usize>>)>,
-) -> String {
-    let line = |(name, lesions): (String, Vec<Option<usize>>)| {
-        let found = |most: usize| {
-            let hits = lesions
-                .iter()
-                .filter(|above| above.is_some_and(|above| above < most));
-            (
-                most as f64,
-                hits.count() as f64 / lesions.len().max(1) as f64,
-            )
-        };
-        Series::line(name, FALSE_MARKS.map(found).to_vec())
-    };
-    let plot = Plot {
-        title,
-        x: "fewer false marks per head than",
-        y,
-        is_log: false,
-        series: curves.into_iter().map(line).collect(),
-    };
-    plot.svg()
 }
 
 impl Plot {

@@ -2,8 +2,6 @@
 
 use serde::Serialize;
 
-use crate::random::Random;
-
 /// Location and spread of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
@@ -124,38 +122,6 @@ impl Interval {
             high: (middle + half).min(1.0),
         }
     }
-}
-
-/// Number of bootstrap samples.
-const ROUNDS: usize = 1000;
-
-/// A statistic of groups of this many members, with its 95 % interval. Each sample draws as many members of each group, by
-/// number, with replacement.
-pub(crate) fn bootstrap_over<const GROUPS: usize>(
-    counts: [usize; GROUPS],
-    seed: u64,
-    statistic: impl Fn([&[usize]; GROUPS]) -> f64,
-) -> Interval {
-    let of = |groups: [Vec<usize>; GROUPS]| statistic(groups.each_ref().map(Vec::as_slice));
-    let mut random = Random::new(seed);
-    let mut samples: Vec<f64> = (0..ROUNDS)
-        .map(|_| of(counts.map(|count| (0..count).map(|_| random.below(count)).collect())))
-        .collect();
-    samples.sort_by(f64::total_cmp);
-    Interval {
-        value: of(counts.map(|count| (0..count).collect())),
-        low: samples[ROUNDS * 25 / 1000],
-        high: samples[ROUNDS * 975 / 1000 - 1],
-    }
-}
-
-/// The area under the curve: how often a score with a lesion exceeds one without; equal ones count half.
-pub(crate) fn area(with: &[f64], without: &[f64]) -> f64 {
-    let pairs = with
-        .iter()
-        .flat_map(|a| without.iter().map(move |b| (a, b)));
-    let wins = pairs.map(|(a, b)| f64::from(u8::from(a > b)) + f64::from(u8::from(a >= b)));
-    wins.sum::<f64>() / (2 * with.len() * without.len()).max(1) as f64
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ from scipy import stats
 
 from isocortex.trial import __main__ as trial
 from isocortex.trial import heads as trial_heads
+from isocortex.trial import repeat
 from isocortex.trial.figures import Interval, Patient, area, figures, share
 from isocortex.trial.heads import cortical_places
 from isocortex.trial.judge import JudgedHead, JudgedLesion, Marks, Plane, judge
@@ -265,17 +266,23 @@ def test_intervals_are_nearly_those_of_the_former_trial(golden, expected):
             assert np.abs(np.subtract(*ends)).max() < 0.06
 
 
-def test_random_places_are_cortical_and_the_same_for_the_same_name(golden):
+def test_random_places_are_cortical_and_the_same_for_the_same_name(tmp_path):
     affine, size = grid((2.0, 2.0, 2.0))
-    radius = np.linalg.norm(nib.affines.apply_affine(affine, np.stack(np.indices(size), axis=-1)), axis=-1)
+    positions = nib.affines.apply_affine(affine, np.stack(np.indices(size), axis=-1))
+    radius = np.linalg.norm(positions, axis=-1)
     depth = Volume(np.where(radius < 38, 38 - radius, np.nan), affine)
-    blur = Volume(np.where(radius % 4 < 2, 1.0, np.nan), affine)
+    # Layers of grey and of white matter, with a seam of 1 mm; the map ends on the left.
+    layer = np.clip(np.abs(radius % 8 - 4) - 1.5, 0, 1)
+    nib.save(nib.Nifti1Image((500 + 300 * layer).astype(np.int16), affine), tmp_path / "t1.nii.gz")
+    blur = Volume(np.where(positions[..., 0] > -20, 1.0, np.nan), affine)
     plane = Plane(np.array([-1.0, 0, 0]), 0.0)
-    places = cortical_places("sub-1", plane, depth, blur)
-    assert len(places) == 200 and (places == cortical_places("sub-1", plane, depth, blur)).all()
-    assert not (places == cortical_places("sub-2", plane, depth, blur)).all()
-    deep = 38 - np.linalg.norm(places, axis=1)
-    assert deep.min() >= 4 and deep.max() < 28 and (38 - deep % 4 < 38).all()
+    places = cortical_places("sub-1", plane, depth, blur, tmp_path / "t1.nii.gz")
+    assert len(places) == 200 and (places == cortical_places("sub-1", plane, depth, blur, tmp_path / "t1.nii.gz")).all()
+    assert not (places == cortical_places("sub-2", plane, depth, blur, tmp_path / "t1.nii.gz")).all()
+    from_centre = np.linalg.norm(places, axis=1)
+    deep = 38 - from_centre
+    assert deep.min() >= 4 and deep.max() < 28
+    assert places[:, 0].min() > -20 and (np.abs(np.abs(from_centre % 8 - 4) - 2) <= 0.16).all()
     assert np.mean(deep >= 12) == pytest.approx(0.5, abs=0.1)
     in_front, below = places[:, 1] > 0.1 * 38, places[:, 2] < -0.3 * 38
     assert in_front.mean() == pytest.approx(0.6, abs=0.1) and not (below & ~in_front).any()
@@ -390,6 +397,9 @@ def test_a_locked_trial_is_refused_if_anything_has_changed(golden, stand_in, cap
     capsys.readouterr()
     refused("locked with other parameters: strata", more=["--stratum", "age"])
     refused("omit --derivatives", more=["--derivatives", golden / "derivatives"])
+    (golden / "deepbet-0-py3-none-any.whl").touch()
+    refused("locked with other parameters: network")
+    os.remove(golden / "deepbet-0-py3-none-any.whl")
     truth = golden / "bids/sub-002/anat/sub-002_roi.nii.gz"
     before = truth.read_bytes()
     shutil.copy(golden / "bids/sub-005/anat/sub-005_roi.nii.gz", truth)
@@ -448,12 +458,12 @@ HELP = subprocess.run([os.environ["ISOCORTEX_BINARY"], "bids", "--help"], captur
 
 @pytest.mark.skipif(HELP.returncode != 0, reason="the program has no command `bids` yet")
 def test_the_program_prepares_the_heads_of_a_trial(folder, tmp_path):
-    head, flipped = nib.load(folder / "head.nii.gz"), tmp_path / "flipped.nii.gz"
-    nib.save(nib.Nifti1Image(np.asarray(head.dataobj)[:, ::-1], head.affine), flipped)
-    for name, volume in {"sub-1": folder / "head.nii.gz", "sub-2": flipped}.items():
+    head = nib.load(folder / "head.nii.gz")
+    stripped = np.asarray(head.dataobj) * np.asarray(nib.load(folder / "brain.nii.gz").dataobj)
+    for name, voxels in {"sub-1": stripped, "sub-2": stripped[:, ::-1]}.items():
         anat = tmp_path / "bids" / name / "anat"
         anat.mkdir(parents=True)
-        shutil.copy(volume, anat / f"{name}_T1w.nii.gz")
+        nib.save(nib.Nifti1Image(voxels, head.affine), anat / f"{name}_T1w.nii.gz")
     (tmp_path / "bids/sub-3/anat").mkdir(parents=True)
     (tmp_path / "bids/sub-3/anat/sub-3_T1w.nii.gz").write_bytes(b"no NIfTI")
     # Behind on the left.
@@ -479,3 +489,28 @@ def test_the_program_prepares_the_heads_of_a_trial(folder, tmp_path):
     assert len(own["thresholds"]) == 5 and own["area"]["value"] in (0.0, 0.5, 1.0)
     about = json.loads((results / "derivatives/dataset_description.json").read_text())
     assert found["version"] == about["GeneratedBy"][0]["Version"]
+
+
+def test_a_scan_that_lies_elsewhere_repeats_all_places_of_the_first(folder, tmp_path, capsys):
+    head, brain = nib.load(folder / "head.nii.gz"), nib.load(folder / "brain.nii.gz")
+    stripped = np.asarray(head.dataobj) * np.asarray(brain.dataobj)
+    elsewhere = np.eye(4)
+    elsewhere[:3, 3] = (4, -3, 5)
+    anat = tmp_path / "sub-1/anat"
+    anat.mkdir(parents=True)
+    nib.save(nib.Nifti1Image(stripped, head.affine), anat / "sub-1_run-1_T1w.nii.gz")
+    nib.save(nib.Nifti1Image(stripped, elsewhere @ head.affine), anat / "sub-1_run-2_T1w.nii.gz")
+    assert repeat.main([str(tmp_path), "--json"]) == 0
+    [found] = json.loads(capsys.readouterr().out)
+    assert (found["head"], found["placement"], found["of_first"]) == ("sub-1", "registered", [1.0, 1.0, 1.0])
+    assert found["by_chance"][1] < 1 and found["unusual"] == [0, 0] and found["of_unusual"] is None
+
+
+def test_scans_that_cannot_be_compared_are_stated(tmp_path, capsys):
+    (tmp_path / "sub-1/anat").mkdir(parents=True)
+    one = tmp_path / "sub-1/anat/sub-1_T1w.nii.gz"
+    one.write_bytes(b"no NIfTI")
+    assert repeat.main([str(tmp_path)]) == 2
+    assert "no head in" in capsys.readouterr().err
+    assert repeat.main(["--pair", str(one), str(one)]) == 0
+    assert "| anat/sub-1_T1w.nii.gz | sub-1_T1w.nii.gz | the first scan has no maps: " in capsys.readouterr().out

@@ -3,11 +3,9 @@
 mod agreement;
 mod head;
 mod paper;
-mod reproducibility;
 mod step;
 mod study;
 mod study_progress;
-mod trial;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -29,7 +27,6 @@ enum Command {
     Agreement(agreement::AgreementArgs),
     Step(step::StepArgs),
     Study(Box<study::StudyArgs>),
-    Reproducibility(reproducibility::ReproducibilityArgs),
 }
 
 /// The output of a report.
@@ -50,7 +47,6 @@ pub(crate) fn run() -> ExitCode {
         Command::Agreement(args) => agreement::run(&args),
         Command::Step(args) => step::run(&args),
         Command::Study(args) => study::run(&args),
-        Command::Reproducibility(args) => reproducibility::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -11,13 +11,11 @@ use serde_json::json;
 
 use super::create;
 use super::study_progress::StudyProgress;
-use super::trial::TrialArgs;
 
 /// Put synthetic lesions into heads, and count which the lists of the program find
 ///
 /// Blurs, mixtures, transmantle lesions and thickenings in turn, from three simulators. The table contains the hits with fewer
 /// than 1, 5 and 20 false marks per head. Without --head, the synthetic head is used; this only shows that the program works.
-/// With --bids, real lesions are searched for instead.
 #[derive(Debug, Args)]
 pub(super) struct StudyArgs {
     /// A head: NAME=VOLUME,MASK or NAME=VOLUME. A volume is a NIfTI file or a folder with one DICOM series, a mask is NIfTI.
@@ -44,8 +42,6 @@ pub(super) struct StudyArgs {
     /// Print JSON instead of a page.
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    trial: TrialArgs,
 }
 
 fn head(text: &str) -> Result<StudyHead, String> {
@@ -72,10 +68,6 @@ fn head(text: &str) -> Result<StudyHead, String> {
 
 /// Runs and prints.
 pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
-    if let Some(bids) = &args.trial.bids {
-        let network = args.network.as_deref();
-        return args.trial.run(bids, (&args.results, network), args.json);
-    }
     let mut heads = args.head.clone();
     if heads.is_empty() {
         heads.push(StudyHead {

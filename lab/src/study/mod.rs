@@ -5,7 +5,6 @@ mod lesion;
 mod page;
 mod paint;
 mod places;
-mod resampled;
 mod run;
 mod search;
 mod stored;
@@ -17,12 +16,11 @@ pub use heads::{Finished, MaskFrom, StudyFolders, StudyHead};
 pub use lesion::{Effect, Lesion};
 pub use page::{Report, page};
 pub use places::{Area, Place};
-pub(crate) use resampled::half_a_voxel_further;
 pub use run::{
     FOUR_LESIONS, HeadResult, SEED, Sighting, Sign, Simulator, StudyParameters, Trial, run_head,
     seed_of,
 };
-pub use search::{HIT_MM, Mark, Touch, false_marks_before_hit, hit};
+pub use search::{Mark, hit};
 
 use std::sync::OnceLock;
 

@@ -5,3 +5,8 @@
 
 `isocortex bids` prepares the heads; this package judges its places. It needs `pip install 'isocortex[trial]'`.
 """
+
+from .._extras import _imported
+
+for _module in ("matplotlib", "nibabel", "scipy"):
+    _imported(_module, "trial", "isocortex.trial")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--freeze", action="store_true", help=freeze)
     others = "also judge the marks of another program, a table with participant_id, x, y, z (scanner RAS mm) and score"
     add("--candidates-of", type=Path, action="append", default=[], metavar="FILE", help=others)
-    add("--jobs", type=_jobs, default=1, metavar="N", help="heads at the same time; each needs about 2 GB (default: 1)")
+    add("--jobs", type=_jobs, default=1, metavar="N", help="heads at the same time; each needs 2 to 4 GB (default: 1)")
     add("--json", action="store_true", help="print the figures as JSON")
     return parser
 
@@ -97,7 +98,9 @@ def _locked(selection: Selection, pattern: str, wish: Wish, arguments: argparse.
     if not is_locked:
         return None
     choices = {name: getattr(wish, name) for name in ("patients", "controls", "split", "mri_negative")}
+    program = Path(find_program())
     parameters: dict[str, Any] = {
+        "network": _network(program),
         "rules": dataclasses.asdict(RULES),
         "places": PLACES,
         "seed": SEED,
@@ -110,7 +113,15 @@ def _locked(selection: Selection, pattern: str, wish: Wish, arguments: argparse.
             for head in selection.chosen
         },
     }
-    return locked(arguments.results, Path(find_program()), parameters, arguments.freeze)
+    return locked(arguments.results, program, parameters, arguments.freeze)
+
+
+def _network(program: Path) -> str | None:
+    """The hash of the weights by which the program extracts brains."""
+    named, above = os.environ.get("ISOCORTEX_NETWORK"), program.parent.parent
+    folders = (program.parent, above, above / "share/isocortex")
+    shipped = [path for folder in folders for path in sorted(folder.glob("deepbet-*.whl"))]
+    return next(map(sha256, [Path(named)] if named else shipped), None)
 
 
 def trial(arguments: argparse.Namespace) -> Report:

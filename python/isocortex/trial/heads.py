@@ -34,6 +34,13 @@ ON_FLAIR = {
     "unchanged": "drawn on the FLAIR, fits by its header",
     "failed": "drawn on the FLAIR, registration in doubt",
 }
+# Where a brain mask comes from.
+METHODS = {
+    "supplied": "mask as supplied",
+    "volume": "mask from the skull-stripped volume",
+    "network": "brain extracted by the network",
+    "tree_pruning": "brain extracted by tree pruning",
+}
 FLAIR_MISSING = "drawn on a FLAIR that is missing"
 
 
@@ -199,7 +206,7 @@ def read_head(chosen: Chosen, outputs: Outputs) -> Judgeable:
     head = Judgeable(
         chosen,
         voxel_mm=facts["VoxelMm"],
-        mask=f"{mask['Method']}, {mask['State']}",
+        mask=f"{METHODS.get(mask['Method'], mask['Method'])}, {mask['State']}",
         mask_state=mask["State"],
         plane=Plane(np.array(plane["Normal"]), plane["OffsetMm"], plane["Doubtful"]),
         marks=outputs.marks(),
@@ -210,7 +217,7 @@ def read_head(chosen: Chosen, outputs: Outputs) -> Judgeable:
     )
     head.found = [_found(lesion, head.plane, depth, blur) for lesion in lesions.lesions]
     if lesions.lesions:
-        head.places = cortical_places(chosen.files.name, head.plane, depth, blur)
+        head.places = cortical_places(chosen.files.name, head.plane, depth, blur, chosen.files.t1[0])
     return head
 
 
@@ -255,12 +262,12 @@ def _found(lesion: Lesion, plane: Plane, depth: Volume, blur: Volume) -> FoundLe
 # As the laboratory's study places synthetic lesions: a half at the bottom of sulci (from 12 mm), a quarter each in
 # their walls and in crowns (up to 7 mm); 60 % in the front 45 %; a tenth each within 12 mm of the middle and basal.
 KINDS = (0.5, 0.25, 0.25)
-FRONT, FRONTAL, BASE, LEAST, MESIAL_MM = 0.45, 0.6, 0.35, 0.1, 12.0
+FRONT, FRONTAL, BASE, LEAST, MESIAL_MM, NEAR_MIDDLE = 0.45, 0.6, 0.35, 0.1, 12.0, 0.15
 SHALLOWEST_MM, DEEPEST_MM, CROWN_MM, BOTTOM_MM = 4.0, 28.0, 7.0, 12.0
 
 
-def cortical_places(name: str, plane: Plane, depth: Volume, blur: Volume, count: int = PLACES) -> Floats:
-    """Random places of the cortex where the map is defined, RAS mm, the same ones for the same name."""
+def cortical_places(name: str, plane: Plane, depth: Volume, blur: Volume, t1: Path, count: int = PLACES) -> Floats:
+    """Random places at the junction of grey and white matter, RAS mm, the same ones for the same name."""
     # One voxel in eight is enough.
     coarse = (slice(None, None, 2),) * 3
     depths = depth.data[coarse]
@@ -268,7 +275,12 @@ def cortical_places(name: str, plane: Plane, depth: Volume, blur: Volume, count:
     if not len(brain):
         return brain
     low, high = brain.min(axis=0), brain.max(axis=0)
-    is_offered = np.isfinite(blur.data[coarse]) & (depths >= SHALLOWEST_MM) & (depths < DEEPEST_MM)
+    intensity = opened(t1).data[coarse].astype(float)
+    is_defined = np.isfinite(blur.data[coarse])
+    # The map is defined on both sides of the junction.
+    grey, white = np.percentile(intensity[is_defined], (25, 75)) if is_defined.any() else (0.0, 0.0)
+    is_between = np.abs(intensity - (grey + white) / 2) <= NEAR_MIDDLE * (white - grey)
+    is_offered = is_defined & is_between & (depths >= SHALLOWEST_MM) & (depths < DEEPEST_MM)
     offers = moved(depth.affine, 2.0 * np.argwhere(is_offered))
     depth_mm = depths[is_offered]
     share = (offers - low) / (high - low)

@@ -285,8 +285,9 @@ the largest one is the lesion. Parts of several files that overlap are one lesio
 <li>A false mark is one that lies farther than {RULES.hit_mm:g} mm from every part of every truth of the head. In a
 control every mark is false.</li>
 <li>Marks are read from the highest score down; a lesion is found at its first hit.</li>
-<li>Chance: each lesion is moved to its mirrored place, and to {PLACES} random places of the cortex at which the map is
-defined, half of them at the bottom of sulci and 60 % frontal. Marks at a real lesion do not count.</li>
+<li>Chance: each lesion is moved to its mirrored place, and to {PLACES} random places of the cortex, where the map is
+defined and the intensity is halfway between grey and white matter, half of them at the bottom of sulci and 60 %
+frontal. Marks at a real lesion do not count.</li>
 <li>A truth that was drawn on the FLAIR is brought to the T1-weighted volume by the registration of that FLAIR. If the
 registration is in doubt, it lies where its header places it.</li>
 </ul>"""
