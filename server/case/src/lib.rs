@@ -20,6 +20,7 @@ mod registration;
 pub mod series;
 mod side;
 mod surface;
+mod voxels;
 
 pub use client::Client;
 pub use facts::{
@@ -49,6 +50,7 @@ pub use quality::{
 pub use registration::{CaseRegistration, RegistrationVerdict};
 pub use side::PatientSide;
 pub use surface::SurfaceName;
+pub use voxels::VoxelValues;
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with
 /// these, a name could be shown as another one.
