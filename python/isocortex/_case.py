@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 POLL_EVERY_S = 0.3
 XYZ = ("x_mm", "y_mm", "z_mm")
+# What voxels have values of, besides maps and added layers.
+VOXELS = ("brain", "depth", "sides", "regions", "blur-places", "thickness-places", "flair-places")
 
 
 class Mesh(NamedTuple):
@@ -320,16 +322,29 @@ class Case(Surface):
         return _picture(self._connection.get(f"{self._path}/slices/{plane}", query, "image/png").content)
 
     def map(self, name: str) -> Nifti1Image:
-        """A map of this head, or an added layer, as a nibabel image in scanner space; NaN where it is undefined.
+        """Values of the voxels of this head, or an added layer, as a nibabel image in scanner space.
 
         The maps are `"blur"`, `"thickness"`, `"sharpness"`, `"asymmetry"`, `"intensity-asymmetry"` and `"junction"`,
-        and `"flair"` if a FLAIR was added. They are computed after the head is prepared: the first call waits.
+        and `"flair"` if a FLAIR was added; NaN where they are undefined. They are computed after the head is prepared:
+        the first call waits. `"depth"` is the depth below the dura in mm, NaN outside. `"brain"` (1 inside), `"sides"`
+        (1 left, 2 right, 3 within 5 mm of the plane between the hemispheres, 4 unknown), `"regions"` (1 and 2 left and
+        right cerebrum, 3 cerebellum, 4 brain stem, 5 and 6 left and right without cortex) and `"blur-places"`,
+        `"thickness-places"` and `"flair-places"` (the ranks of :meth:`places`) are labels.
 
-        >>> blur = case.map("blur")
-        >>> blur.get_fdata().ndim
-        3
+        All of them have the grid of the volume as it was acquired. A layer that you added has its own, and comes first
+        if it has one of these names.
+
+        >>> blur, depth = case.map("blur"), case.map("depth")
+        >>> blur.shape == depth.shape
+        True
         """
-        return _image(self._connection.get(f"{self._path}/layers/{quote(name, safe='')}/nifti").content, "case.map()")
+        try:
+            file = self._connection.get(f"{self._path}/layers/{quote(name, safe='')}/nifti")
+        except IsocortexError as error:
+            if error.kind != "no-such-layer" or name not in VOXELS:
+                raise
+            file = self._connection.get(f"{self._path}/nifti", {"values": name})
+        return _image(file.content, "case.map()")
 
     def mask(self) -> Nifti1Image:
         """The brain mask as a nibabel image, 1 inside, on an isotropic grid along the axes of the scanner."""

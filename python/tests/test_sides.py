@@ -97,3 +97,26 @@ def test_places_name_the_side_of_their_positions(case):
     assert len(places) == 10 and places["score"].is_monotonic_decreasing
     far = places[places["x_mm"].abs() > 10]
     assert list(far["side"]) == ["left" if x < 0 else "right" for x in far["x_mm"]]
+
+
+def test_voxels_know_their_depth_and_side_in_the_grid_of_the_head(case, folder):
+    head = nib.load(folder / "head.nii.gz")
+    images = {name: case.map(name) for name in ("depth", "brain", "sides", "regions", "blur", "blur-places")}
+    for name, image in images.items():
+        assert image.shape == head.shape, name
+        np.testing.assert_allclose(image.affine, head.affine, atol=1e-4)
+    from_mm = np.linalg.inv(head.affine)
+
+    def at(name, place):
+        return images[name].get_fdata()[tuple(np.round(nib.affines.apply_affine(from_mm, place)).astype(int))]
+
+    # Deeper than the ball, which is a hole in the cortex.
+    left, right = LEFT_MM * 0.7, RIGHT_MM * 0.7
+    assert [at("sides", place) for place in (left, right)] == [1, 2]
+    assert [at("regions", place) for place in (left, right)] in ([1, 2], [5, 6])
+    profile = case.profile(tuple(left))
+    point = profile.query("point == 'own' and distance_mm == 0")
+    assert at("brain", left) == 1 and at("depth", left) == pytest.approx(point["depth_mm"].item(), abs=phantom.EDGE_MM)
+    assert np.isnan(at("depth", (0, 0, 85))) and at("sides", (0, 0, 85)) == 0
+    for rank, place in enumerate(case.places(limit=60)[["x_mm", "y_mm", "z_mm"]].to_numpy(), 1):
+        assert 0 < at("blur-places", place) <= rank

@@ -120,3 +120,61 @@ fn a_volume_and_its_case_look_the_same_and_wrong_values_are_named() {
     );
     assert!(!std::fs::exists(path("none.png")).unwrap());
 }
+
+#[test]
+fn voxels_are_written_in_the_grid_of_the_volume_and_wrong_names_are_refused() {
+    let root = tempfile::tempdir().unwrap();
+    let path = |name: &str| root.path().join(name).display().to_string();
+    let (head, data, folder) = (path("head.nii"), path("data"), path("voxels"));
+    std::fs::write(&head, plain_head().bytes()).unwrap();
+    let depth = path("depth.nii.gz");
+    done(&["render", &head, "--nifti", "depth", "-o", &depth]);
+    let values = |file: &str| {
+        let file = std::fs::read(file).unwrap();
+        imaging::nifti::read_values(&file, &imaging::Limits::default()).unwrap()
+    };
+    let whole = values(&head);
+    let found = values(&depth);
+    assert_eq!(found.grid.size(), whole.grid.size());
+    for (depth_mm, intensity) in found.numbers.iter().zip(&whole.numbers) {
+        assert!(
+            *intensity == 0.0 || *depth_mm >= 0.0,
+            "{depth_mm} {intensity}"
+        );
+    }
+    let written = done(&["prepare", &head, "--data", &data, "--nifti", &folder]);
+    assert!(
+        written.contains("no blur: "),
+        "its voxels are coarse: {written}"
+    );
+    assert_eq!(
+        values(&path("voxels/depth.nii.gz")).numbers.len(),
+        whole.numbers.len()
+    );
+    // The bright cap is at the patient's right.
+    let sides = values(&path("voxels/sides.nii.gz"));
+    let bright = sides.numbers.iter().zip(&whole.numbers);
+    let bright: Vec<_> = bright
+        .filter(|(_, intensity)| **intensity == 1000.0)
+        .collect();
+    assert!(bright.len() > 100 && bright.iter().all(|(side, _)| **side == 2.0));
+    for (options, words) in [
+        (
+            ["--nifti", "depth", "-o", "depth.png"],
+            "name the file *.nii.gz",
+        ),
+        (
+            ["--nifti", "deep", "-o", "a.nii.gz"],
+            "invalid value 'deep'",
+        ),
+    ] {
+        let (status, written) = run(&[&["render", &head], &options[..]].concat());
+        assert_eq!(status, Some(2), "{written}");
+        assert!(written.contains(words), "{written}");
+    }
+    let (status, written) = run(&[
+        "render", &head, "--nifti", "depth", "-o", &depth, "--view", "left",
+    ]);
+    assert_eq!(status, Some(2), "{written}");
+    assert!(written.contains("`--view` is of a picture"), "{written}");
+}

@@ -26,6 +26,7 @@ const JUNCTION_MM: f64 = 12.0;
 const LESION: DVec3 = DVec3::new(36.0, -24.0, 26.0);
 const LESION_MM: f64 = 7.0;
 const SPACING_MM: f64 = 1.6;
+const SIZE: [usize; 3] = [84, 102, 78];
 
 /// The blur in colours from a lower value on than by default: the head has no folds, and its spread is small.
 const OVERLAY: &str = "overlay=blur&overlay_window=1.5,4&overlay_threshold=1.5";
@@ -56,9 +57,8 @@ fn intensity(place: DVec3) -> f64 {
 
 /// A head whose junction is blurred at one place on the left, as files: volume and mask.
 fn blurred_head() -> [Vec<u8>; 2] {
-    let size = [84, 102, 78];
-    let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 / -2.0 * SPACING_MM));
-    let grid = Grid::aligned(size, [SPACING_MM; 3], origin).unwrap();
+    let origin = DVec3::from_array(SIZE.map(|side| (side - 1) as f64 / -2.0 * SPACING_MM));
+    let grid = Grid::aligned(SIZE, [SPACING_MM; 3], origin).unwrap();
     let place = |index: usize| {
         let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
         grid.patient_from_voxel().transform_point3(voxel)
@@ -81,6 +81,23 @@ fn blurred_head() -> [Vec<u8>; 2] {
         imaging::nifti::write_volume(&volume).unwrap(),
         imaging::nifti::write_mask(&mask).unwrap(),
     ]
+}
+
+/// The grid (LPS) and the voxels of a gzipped NIfTI file without extensions.
+fn voxels_of<const N: usize, T>(answer: &Answer, number: fn([u8; N]) -> T) -> (Grid, Vec<T>) {
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    let grid = imaging::nifti::read_grid(&answer.body, &imaging::Limits::default()).unwrap();
+    let mut file = Vec::new();
+    flate2::read::GzDecoder::new(&answer.body[..])
+        .read_to_end(&mut file)
+        .unwrap();
+    let offset = f32::from_le_bytes(file[108..112].try_into().unwrap()) as usize;
+    let voxels = file[offset..].chunks_exact(N);
+    let voxels: Vec<_> = voxels
+        .map(|bytes| number(bytes.try_into().unwrap()))
+        .collect();
+    assert_eq!(voxels.len(), grid.voxel_count());
+    (grid, voxels)
 }
 
 async fn server_with(configure: impl FnOnce(&mut Config)) -> (Server, String) {
@@ -397,26 +414,39 @@ async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
             file.header("content-disposition")
                 .contains(&format!("{name}.nii.gz"))
         );
-        let mut nifti = Vec::new();
-        flate2::read::GzDecoder::new(&file.body[..])
-            .read_to_end(&mut nifti)
-            .unwrap();
-        let numbers = nifti[352..].chunks_exact(4);
-        assert_eq!(numbers.len(), volume.body.len());
+        let (grid, numbers) = voxels_of(&file, |bytes| f32::from_le_bytes(bytes));
+        assert_eq!(grid.size(), SIZE, "that of the volume");
+        // The map is a block of it, whose affine the header states.
+        let rows = volume.header("x-isocortex-patient-from-voxel");
+        let rows: Vec<f64> = (rows.split(',').map(str::trim))
+            .map(|one| one.parse().unwrap())
+            .collect();
+        let first = DVec3::new(rows[3], rows[7], rows[11]);
+        let first = grid.voxel_from_patient().transform_point3(first).round();
+        let first = first.to_array().map(|along| along as usize);
         let mut defined = 0;
-        for (&code, bytes) in volume.body.iter().zip(numbers) {
-            let found = f32::from_le_bytes(bytes.try_into().unwrap());
-            assert_eq!(code == 0, found.is_nan());
-            if code > 0 {
-                let expected = f32::from(code) * scale + offset;
-                assert!(
-                    (found - expected).abs() < 1e-4,
-                    "{name}: {found} {expected}"
-                );
-                defined += 1;
-            }
+        for (index, &code) in volume
+            .body
+            .iter()
+            .enumerate()
+            .filter(|(_, code)| **code > 0)
+        {
+            let place = [
+                index % size[0],
+                index / size[0] % size[1],
+                index / size[0] / size[1],
+            ];
+            let found = numbers[grid.index([0, 1, 2].map(|axis| first[axis] + place[axis]))];
+            let expected = f32::from(code) * scale + offset;
+            assert!(
+                (found - expected).abs() < 1e-4,
+                "{name}: {found} {expected}"
+            );
+            defined += 1;
         }
         assert!(defined > 1000, "{name}: {defined}");
+        let elsewhere = numbers.iter().filter(|number| number.is_nan()).count();
+        assert_eq!(elsewhere + defined, grid.voxel_count(), "{name}");
     }
     let packed = [("accept-encoding", "zstd")];
     let packed = server
@@ -1004,4 +1034,55 @@ async fn a_head_of_coarse_voxels_has_no_maps_and_says_why() {
     // The list of cases asks for no maps.
     let list = server.get("/v1/cases").await.json();
     assert_eq!(list["cases"][0].get("maps"), None);
+}
+
+#[tokio::test]
+async fn what_is_known_of_voxels_is_written_in_the_grid_of_the_volume_with_the_left_on_the_left() {
+    let (server, case) = ready().await;
+    let get = async |values: &str| server.get(&format!("{case}/nifti?values={values}")).await;
+    let labels = async |values: &str| voxels_of(&get(values).await, u16::from_le_bytes);
+    let (grid, depth) = voxels_of(&get("depth").await, f32::from_le_bytes);
+    let (_, brain) = voxels_of(&get("brain").await, |[voxel]: [u8; 1]| voxel);
+    let (_, sides) = labels("sides").await;
+    let (_, regions) = labels("regions").await;
+    let (_, places) = labels("blur-places").await;
+    assert_eq!(grid.size(), SIZE);
+    let at = |place: DVec3| {
+        grid.nearest(grid.voxel_from_patient().transform_point3(place))
+            .unwrap()
+    };
+    // The lesion is on the left, at the junction: 12 mm below the outline.
+    let (left, right) = (at(LESION), at(LESION * DVec3::new(-1.0, 1.0, 1.0)));
+    for voxel in [left, right] {
+        assert!((depth[voxel] - 12.0).abs() < 3.0, "{}", depth[voxel]);
+        assert_eq!(brain[voxel], 1);
+    }
+    assert_eq!(
+        [sides[left], sides[right], sides[at(DVec3::ZERO)]],
+        [1, 2, 3]
+    );
+    assert_eq!([regions[left], regions[right]], [1, 2]);
+    let list: Value = server.get(&format!("{case}/candidates")).await.json();
+    let highest: [f64; 3] =
+        serde_json::from_value(list["candidates"][0]["position_in_patient"].clone()).unwrap();
+    assert_eq!(places[at(DVec3::from_array(highest))], 1);
+    assert!(places[left] > 0 || DVec3::from_array(highest).distance(LESION) < 15.0);
+    let marked = places.iter().filter(|rank| **rank > 0).count();
+    assert!((10..grid.voxel_count() / 20).contains(&marked), "{marked}");
+    let outside = at(DVec3::new(0.0, 0.0, 60.5));
+    assert!(depth[outside].is_nan());
+    assert_eq!(
+        (brain[outside], sides[outside], regions[outside]),
+        (0, 0, 0)
+    );
+    for (values, status, problem) in [
+        ("flair", 409, "maps-undefined"),
+        ("smile", 400, "query-value-unreadable"),
+    ] {
+        let answer = get(values).await;
+        assert_eq!(
+            (answer.status.as_u16(), &*answer.problem()),
+            (status, problem)
+        );
+    }
 }

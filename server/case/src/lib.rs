@@ -21,6 +21,7 @@ pub mod series;
 mod side;
 mod standard;
 mod surface;
+mod voxels;
 
 pub use client::Client;
 pub use facts::{
@@ -51,6 +52,7 @@ pub use registration::{CaseRegistration, RegistrationVerdict};
 pub use side::PatientSide;
 pub use standard::{ATLAS_ERROR_MM, AcPc, AtlasPosition, StandardPosition};
 pub use surface::SurfaceName;
+pub use voxels::VoxelValues;
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with
 /// these, a name could be shown as another one.

@@ -15,6 +15,7 @@ use storage::tables::made;
 use storage::{FindingsVersion, Made, Replaced, StoreError, StoredFindings};
 
 use crate::gyri::PlaceNames;
+use crate::nifti::native_grid;
 use crate::patient::Patient;
 use crate::{Cases, Error};
 
@@ -219,8 +220,7 @@ impl Cases {
     ) -> Result<FindingLabels, Error> {
         let facts = self.ready(id).await?;
         let draw = move || {
-            let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
-            let grid = Grid::new(facts.native_size, affine).map_err(|_| Error::Internal)?;
+            let grid = native_grid(&facts)?;
             let mut labels = vec![0; grid.voxel_count()];
             let findings = (1..).zip(list).filter(|(_, finding)| finding.is_kept());
             let findings: Vec<_> = findings.collect();

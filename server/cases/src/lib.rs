@@ -15,6 +15,7 @@ pub mod layers;
 pub mod library;
 mod limit;
 pub mod models;
+pub mod nifti;
 mod patient;
 pub mod pictures;
 pub mod profile;

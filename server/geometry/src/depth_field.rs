@@ -6,6 +6,7 @@ use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
+use crate::grid::as_position;
 use crate::{Cut, DistanceMap, Fenced, Grid};
 
 /// The distance of the last sampled position before the centre of the last voxel, so that a voxel follows it.
@@ -139,6 +140,23 @@ impl DepthField {
         };
         let slice = |start: usize| y.between(row(start), row(start + y_stride));
         z.between(slice(start), slice(start + z_stride)) * self.mm_per_step
+    }
+
+    /// Signed depth in mm at the centre of each voxel of another grid, x-fastest.
+    pub fn resampled(&self, grid: &Grid) -> Vec<f32> {
+        let [nx, ny, _] = grid.size();
+        let own_from_other = self.grid.voxel_from_patient() * grid.patient_from_voxel();
+        let mut depths = vec![0.0; grid.voxel_count()];
+        depths
+            .par_chunks_mut(nx)
+            .enumerate()
+            .for_each(|(row, depths)| {
+                for (x, depth) in depths.iter_mut().enumerate() {
+                    let centre = as_position([x, row % ny, row / ny]);
+                    *depth = self.depth_mm(own_from_other.transform_point3(centre).as_vec3());
+                }
+            });
+        depths
     }
 
     /// Gradient of the depth at a position in voxel coordinates: trilinear between central differences at voxel

@@ -241,7 +241,7 @@ impl Mask {
     }
 
     /// This set on another grid: voxels with an interpolated value of at least ½, trilinear between centres.
-    fn resampled(&self, grid: Grid) -> Self {
+    pub fn resampled(&self, grid: Grid) -> Self {
         let [nx, ny, _] = grid.size();
         let source_from_target = self.grid.voxel_from_patient() * grid.patient_from_voxel();
         let source_from_target = snapped_to_integers(source_from_target);

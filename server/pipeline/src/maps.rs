@@ -188,6 +188,61 @@ pub(crate) fn junction_places(
     })
 }
 
+/// The regions of a brain as labels of voxels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegionLabels {
+    /// A block of the grid of the volume.
+    pub grid: Grid,
+    /// A number for each voxel, x-fastest; 0 outside the brain.
+    pub numbers: Vec<u8>,
+    /// The numbers with their names. If the regions are in doubt, there are two halves, which the names say.
+    pub names: Vec<(u8, &'static str)>,
+}
+
+/// Finds the regions of the brain of a case again, as its maps have them; the reason if it has none.
+pub fn compute_regions(
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+) -> Result<RegionLabels, Undefined> {
+    let find = |head: Head<'_>, doubt| {
+        let (block, values, _) = analysis::tissue_of(head)?;
+        Ok(analysis::regions(head, &block, &values, doubt))
+    };
+    let regions = of_head(facts, envelope, volume, find)?;
+    let named = |region: &Region| (*region as u8, region_name(*region));
+    let names = match regions.doubts.first() {
+        // Then even the halves are not known.
+        Some(doubt) if regions.sheet.is_none() => {
+            return Err(Undefined {
+                code: doubt.code().into(),
+                sentence: doubt.to_string().into(),
+            });
+        }
+        Some(_) => vec![
+            (1, "left half, undivided because the regions are in doubt"),
+            (2, "right half, undivided because the regions are in doubt"),
+        ],
+        None => Region::ALL.iter().map(named).collect(),
+    };
+    Ok(RegionLabels {
+        grid: regions.grid().clone(),
+        numbers: regions.codes().to_vec(),
+        names,
+    })
+}
+
+fn region_name(region: Region) -> &'static str {
+    match region {
+        Region::LeftCerebrum => "left cerebrum",
+        Region::RightCerebrum => "right cerebrum",
+        Region::Cerebellum => "cerebellum",
+        Region::BrainStem => "brain stem",
+        Region::LeftDeep => "left deep, no cortex",
+        Region::RightDeep => "right deep, no cortex",
+    }
+}
+
 /// The parts of the brain of a case; the reason if it has none.
 pub(crate) fn compute_division(
     facts: &CaseFacts,

@@ -70,6 +70,14 @@ impl LoadedMaps {
         !self.candidates.iter().any(CandidateFacts::stands_out)
     }
 
+    /// The places of the cerebrum that a map lists, the highest value first.
+    pub fn places(&self, name: MapName) -> &[CandidateFacts] {
+        match name {
+            MapName::Thickness => &self.thick[0],
+            _ => &self.candidates,
+        }
+    }
+
     /// What is known about the scores of a map of the case.
     pub fn judgement(&self, name: MapName) -> Judgement {
         judgement(name, self.grid.spacing_mm(), self.doubts)

@@ -1,6 +1,6 @@
 //! The values of options on the command line, each with a description for `--help`.
 
-use case::{Contrast, LayerKind, MaskKind, MaskSource};
+use case::{Contrast, LayerKind, MaskKind, MaskSource, VoxelValues};
 use cases::dicom::Form;
 use cases::settings::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -96,6 +96,16 @@ pub(super) fn log_format() -> impl TypedValueParser<Value = LogFormat> {
         (LogFormat::Text, "text", "For people"),
         (LogFormat::Json, "json", "One JSON object per line"),
     ])
+}
+
+/// What voxels have values of.
+pub(super) fn voxel_values() -> impl TypedValueParser<Value = VoxelValues> {
+    let words = PossibleValuesParser::new(VoxelValues::ALL.map(VoxelValues::name));
+    words.map(|word| {
+        let mut all = VoxelValues::ALL.into_iter();
+        all.find(|values| values.name() == word)
+            .expect("clap knows the words")
+    })
 }
 
 /// What a layer is.

@@ -22,6 +22,7 @@ mod serve;
 mod status;
 mod test_node;
 mod token;
+mod voxels;
 mod waiting;
 mod work;
 

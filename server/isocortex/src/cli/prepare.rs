@@ -10,10 +10,11 @@ use super::common::{StoreArgs, set_some};
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
+use super::voxels::write_voxels;
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
 use crate::start::StartError;
 use case::images::Image;
-use case::{CaseId, CaseState, Parameters};
+use case::{CaseId, CaseState, Parameters, Progress};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
 use cases::settings::MapsUse;
@@ -36,6 +37,10 @@ pub(super) struct PrepareArgs {
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
+    /// Also write what voxels have values of as NIfTI, in the grid of the volume, into this folder: the brain, depths in mm, sides and regions,
+    /// each map, and the places that it lists.
+    #[arg(long, value_name = "FOLDER")]
+    nifti: Option<PathBuf>,
     #[command(flatten)]
     layers: LayerOptions,
 }
@@ -59,7 +64,13 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let options = config.cases()?;
     super::block_on(async {
         let library = open_library(&options).await.map_err(StartError::from)?;
-        into_store(library, source, images, parameters, layers).await
+        let store = library.store().clone();
+        let id = into_store(library, source, images, parameters, layers).await?;
+        if let Some(folder) = &args.nifti {
+            write_voxels(store, &id, folder).await?;
+        }
+        println!("{id}");
+        Ok(())
     })
 }
 
@@ -156,7 +167,7 @@ async fn into_store(
     images: Vec<Image>,
     parameters: Parameters,
     layers: Vec<LayerFile>,
-) -> Result<(), CliError> {
+) -> Result<CaseId, CliError> {
     let store = library.store().clone();
     let workers = start_workers(library.clone(), 1);
     let submitted = library.submit_of(source, images, parameters).await?;
@@ -169,17 +180,25 @@ async fn into_store(
     workers.shut_down(GRACE).await;
     prepared?;
     warn_of_doubts(&store, &id).await?;
-    println!("{id}");
-    Ok(())
+    Ok(id)
 }
 
 /// Shows the progress of a case until it is ready.
 pub(super) async fn wait_until_ready(store: &Store, id: &CaseId) -> Result<(), CliError> {
     let display = ProgressDisplay::new();
+    until_ready(store, id, |progress| display.show(progress)).await
+}
+
+/// Waits until a case is ready.
+pub(super) async fn until_ready(
+    store: &Store,
+    id: &CaseId,
+    show: impl Fn(Progress),
+) -> Result<(), CliError> {
     let mut watch = store.subscribe(id);
     while let Some(case) = watch.next().await? {
         if let Some(progress) = case.progress {
-            display.show(progress);
+            show(progress);
         }
         match (case.state, case.failure) {
             (CaseState::Ready, _) => return Ok(()),

@@ -3,12 +3,11 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use case::CaseId;
+use case::{CaseId, VoxelValues};
 use cases::jobs::start_workers;
 use cases::pictures::{PictureRequest, PictureSeries, SeriesPicture};
 use cases::settings::GpuUse;
-use cases::settings::Render;
-use cases::{Cases, Error, Library, LibraryOptions, Preparation};
+use cases::{Error, Library, LibraryOptions};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http::{query, sent};
 use render::choice::Renderer;
@@ -17,10 +16,11 @@ use storage::Store;
 use super::common::StoreArgs;
 use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
+use super::voxels::on_store;
 use super::{VolumeOptions, check_output, choices, write_output};
 use crate::config::{Config, store_options};
 
-/// Draw the cut of a case or a volume as PNG
+/// Draw the cut of a case or a volume as PNG, or write values of its voxels
 ///
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
@@ -32,9 +32,13 @@ pub(super) struct RenderArgs {
     options: VolumeOptions,
     #[command(flatten)]
     store: StoreArgs,
-    /// The PNG file to write.
+    /// The PNG file to write; with --nifti, the .nii.gz file.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
+    /// Instead of a picture, write what the voxels have values of as NIfTI, in the grid of the volume: depths in mm, labels, a map, or the
+    /// places that a map lists.
+    #[arg(long, value_name = "VALUES", value_parser = choices::voxel_values())]
+    nifti: Option<VoxelValues>,
     /// Whether a GPU may draw.
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU", default_value = "auto")]
     gpu: GpuUse,
@@ -94,6 +98,27 @@ impl FromArgMatches for PictureKeys {
 }
 
 impl RenderArgs {
+    /// What is wrong with the name of the output, or with keys of a picture that is not drawn.
+    fn wrong_output(&self) -> Option<String> {
+        let name = self.output.display().to_string();
+        let lower = name.to_lowercase();
+        match self.nifti {
+            Some(_) if !self.picture.0.is_empty() => {
+                let option = option_of(&self.picture.0[0].0);
+                Some(format!(
+                    "`--{option}` is of a picture, and with --nifti none is drawn; omit one of them"
+                ))
+            }
+            Some(_) if !lower.ends_with(".nii.gz") => Some(format!(
+                "`--output` {name}: only gzipped NIfTI is written; name the file *.nii.gz"
+            )),
+            None if self.output.extension().is_some() && !lower.ends_with(".png") => Some(format!(
+                "`--output` {name}: only PNG is written; name the file *.png"
+            )),
+            _ => None,
+        }
+    }
+
     fn request(&self) -> Result<PictureRequest, CliError> {
         let pairs = self.picture.0.iter();
         let pairs = pairs.map(|(key, value)| (Cow::from(key), Cow::from(value)));
@@ -104,23 +129,15 @@ impl RenderArgs {
     }
 }
 
-/// Draws one picture.
+/// Draws one picture, or writes one file of voxels.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
     let picture = args.request()?.checked()?;
-    if args
-        .output
-        .extension()
-        .is_some_and(|kind| !kind.eq_ignore_ascii_case("png"))
-    {
-        let message = format!(
-            "`--output` {}: only PNG is written; name the file *.png",
-            args.output.display()
-        );
-        return Err(CliError::new(ExitStatus::Usage, message));
+    if let Some(wrong) = args.wrong_output() {
+        return Err(CliError::new(ExitStatus::Usage, wrong));
     }
     check_output(&args.output)?;
     let config = args.store.config()?;
-    let png = super::block_on(async {
+    let file = super::block_on(async {
         // Splatting needs no GPU.
         let gpu = match picture.asked.renderer {
             Renderer::Splat => GpuUse::Off,
@@ -132,21 +149,14 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
             Some(id) => (Store::open(config.location()?, store_options()).await?, id),
             None => prepared(args, &config).await?,
         };
-        let library_options = LibraryOptions {
-            makes_maps: layers.is_any(),
-            cache_bytes: u64::MAX,
-            ..LibraryOptions::default()
-        };
-        let library = Library::new(store, Preparation::default(), library_options);
-        let options = cases::Options {
-            render: Render {
-                gpu,
-                ..Render::default()
-            },
-            ..Config::default().cases()?
-        };
-        let cases = Cases::on(library, &options);
+        let cases = on_store(store, gpu, layers.is_any() || args.nifti.is_some())?;
         cases.ready(&id).await?;
+        if let Some(values) = args.nifti {
+            if values.map().is_some() {
+                cases.library.make_maps_now(&id).await?;
+            }
+            return Ok(cases.nifti(&id, values).await?.bytes);
+        }
         if layers.of_case(&cases.library, &id).await?.has_maps() {
             cases.library.make_maps_now(&id).await?;
         }
@@ -160,7 +170,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         };
         Ok(series.draw_each(&cases, Vec::new(), keep).await?)
     })?;
-    write_output(&args.output, &png)
+    write_output(&args.output, &file)
 }
 
 /// The id of a case, unless there is a file with that name.

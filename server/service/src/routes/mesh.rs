@@ -2,7 +2,7 @@
 
 mod values;
 
-use cases::{Cases, Error};
+use cases::Cases;
 use std::future::ready;
 use std::sync::Arc;
 
@@ -10,8 +10,8 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, header};
 use axum::response::Response;
 use bytes::Bytes;
-use geometry::{DeformableModel, Grid, MeshSize, PathTable, ShrunkMesh};
-use glam::{DVec3, Vec3};
+use geometry::{DeformableModel, MeshSize, PathTable, ShrunkMesh};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -22,6 +22,7 @@ use crate::routes::asked::{CasePath, Question};
 use crate::wire::{self, VolumeGeometry};
 use case::SurfaceName;
 use cases::models::PathKind;
+use cases::nifti::native_grid;
 use cases::pictures::{DepthMm, ShownDepth, default_count, mesh_size};
 use http::conditional::{self, Content, Format};
 use http::negotiate::media_type;
@@ -273,8 +274,7 @@ pub async fn get_mesh(
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
         let source = changing.read(&cases, &id).await?;
-        let affine = pipeline::affine_of(&model.facts().native_patient_from_voxel);
-        let volume = Grid::new(model.facts().native_size, affine).map_err(|_| Error::Internal)?;
+        let volume = native_grid(model.facts())?;
         let form = Form {
             media_type: format,
             surface: asked.surface,
@@ -481,17 +481,7 @@ fn encode(
         }
         return (wire::positions(&shrunk.positions_in_patient), lacking);
     }
-    let mut is_known = vec![true; shrunk.positions_in_patient.len()];
-    for &vertex in &unknown {
-        is_known[vertex] = false;
-    }
-    let mut triangles = size.triangles();
-    triangles.retain(|triangle| {
-        let corners = triangle.map(|vertex| shrunk.positions_in_patient[vertex as usize]);
-        let [a, b, c] = corners.map(|corner| Vec3::from_array(corner).as_dvec3());
-        let is_known = triangle.iter().all(|&vertex| is_known[vertex as usize]);
-        is_known && (b - a).cross(c - a) != DVec3::ZERO
-    });
+    let triangles = wire::known_triangles(&shrunk, size, &unknown);
     (form.file(&shrunk, &triangles, model, &unknown), lacking)
 }
 

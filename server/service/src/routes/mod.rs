@@ -14,6 +14,7 @@ pub mod health;
 pub mod layers;
 pub mod masks;
 pub mod mesh;
+pub mod nifti;
 pub mod readings;
 pub mod registration;
 pub mod render;
@@ -113,6 +114,7 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
         .with(Scope::Read, Audited::View, routes!(acquired::get_acquired))
         .with(Scope::Read, Audited::Export, routes!(masks::get_mask))
         .with(Scope::Read, Audited::Export, routes!(masks::get_envelope))
+        .with(Scope::Read, Audited::Export, routes!(nifti::get_nifti))
         .with(Scope::Read, Audited::View, routes!(masks::get_quality))
         .with(Scope::Read, Audited::View, routes!(layers::list_layers))
         .with(Scope::Read, Audited::View, routes!(layers::get_layer))

@@ -10,6 +10,8 @@ mod stl;
 mod texture;
 
 use bytes::Bytes;
+use geometry::{MeshSize, ShrunkMesh};
+use glam::{DVec3, Vec3};
 
 pub use freesurfer::{VolumeGeometry, freesurfer, freesurfer_values};
 pub use gifti::{VertexLabel, gifti, gifti_columns, gifti_labels, gifti_values};
@@ -32,6 +34,22 @@ pub struct Mesh<'a> {
     pub positions_in_patient: &'a [[f32; 3]],
     /// Vertex numbers, counter-clockwise seen from outside.
     pub triangles: &'a [[u32; 3]],
+}
+
+/// The triangles of a mesh without those that touch one of the unknown vertices or have no area.
+pub fn known_triangles(shrunk: &ShrunkMesh, size: MeshSize, unknown: &[usize]) -> Vec<[u32; 3]> {
+    let mut is_known = vec![true; shrunk.positions_in_patient.len()];
+    for &vertex in unknown {
+        is_known[vertex] = false;
+    }
+    let mut triangles = size.triangles();
+    triangles.retain(|triangle| {
+        let corners = triangle.map(|vertex| shrunk.positions_in_patient[vertex as usize]);
+        let [a, b, c] = corners.map(|corner| Vec3::from_array(corner).as_dvec3());
+        let is_known = triangle.iter().all(|&vertex| is_known[vertex as usize]);
+        is_known && (b - a).cross(c - a) != DVec3::ZERO
+    });
+    triangles
 }
 
 /// Positions in LPS mm as `f32` triples, little-endian.

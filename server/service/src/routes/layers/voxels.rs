@@ -5,16 +5,15 @@ use std::sync::Arc;
 use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
-use bytes::Bytes;
-use case::{CaseId, Layer, MapName};
-use cases::library::{LayerVoxels, LoadedMaps};
+use case::{CaseId, Layer};
+use cases::library::LayerVoxels;
 use cases::pictures::ChosenLayer;
 use cases::{Cases, Error};
-use render::LayerValues;
 
 use super::{layer_of, map_of};
 use crate::routes::asked::{CasePath, Question};
 use crate::routes::bodies::{Bodies, BodyKey, BodyKind};
+use crate::routes::nifti::nifti_file;
 use crate::routes::textures::{MEDIA_TYPE, layout};
 use crate::wire;
 use http::conditional::{self, Content, Format};
@@ -113,8 +112,8 @@ pub async fn get_layer_volume(
 
 /// A layer as NIfTI
 ///
-/// A gzipped NIfTI-1 file with the voxels of `volume`, in single precision, NaN if undefined (0 in a label map),
-/// positioned in the patient space of the case.
+/// A gzipped NIfTI-1 file in single precision, NaN if undefined (0 in a label map), positioned in the patient space of the case. A map
+/// is in the grid of the acquired volume; an added layer has the voxels of `volume`.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers/{layer}/nifti", tag = "layers",
     params(
@@ -144,9 +143,8 @@ pub async fn get_layer_nifti(
     let work = async |_| {
         let (file, name) = match &layer {
             ChosenLayer::Map { name, .. } => {
-                let (maps, name) = (layer.maps(&cases.library, &id).await?, *name);
-                let file = cases.queue.run(move || map_as_nifti(&maps, name)).await??;
-                (file, name.name().to_owned())
+                let file = cases.nifti(&id, (*name).into()).await?;
+                (file.bytes, name.name().to_owned())
             }
             ChosenLayer::Layer(row) => {
                 let voxels = cases.library.layer_voxels(row).await?;
@@ -154,13 +152,7 @@ pub async fn get_layer_nifti(
                 (file, file_name(row))
             }
         };
-        let mut headers = HeaderMap::new();
-        let disposition = format!("attachment; filename=\"{name}.nii.gz\"");
-        conditional::insert(&mut headers, header::CONTENT_DISPOSITION, &disposition);
-        Ok(Content {
-            headers,
-            ..Bytes::from(file).into()
-        })
+        Ok(nifti_file(&name, file))
     };
     question.answer(&cases, format, work).await
 }
@@ -169,21 +161,6 @@ pub async fn get_layer_nifti(
 fn file_name(layer: &Layer) -> String {
     let id = layer.id.to_string();
     format!("{}-{}", layer.parameters.kind.name(), &id[..8])
-}
-
-fn map_as_nifti(maps: &Arc<LoadedMaps>, name: MapName) -> Result<Vec<u8>, Error> {
-    let numbers: Vec<f32> = match maps.layer(name).values() {
-        LayerValues::Numbers(numbers) => numbers.clone(),
-        LayerValues::Codes { codes, least, step } => {
-            let value = |&code: &u8| match code {
-                0 => f32::NAN,
-                code => least + f32::from(code - 1) * step,
-            };
-            codes.iter().map(value).collect()
-        }
-        LayerValues::Labels { codes, .. } => codes.iter().map(|&code| code.into()).collect(),
-    };
-    imaging::nifti::write_numbers(maps.grid(), &numbers).map_err(|_| Error::Internal)
 }
 
 fn layer_as_nifti(voxels: &LayerVoxels) -> Result<Vec<u8>, Error> {

@@ -6,6 +6,7 @@ use case::{CandidateFacts, CaseId, MapName};
 use cases::Cases;
 use cases::findings::{FindingLabels, Findings, name_of};
 use cases::library::LoadedMaps;
+use cases::nifti::{place_label, place_radius_mm};
 use cases::pictures::ChosenLayer;
 use cases::profile;
 use geometry::DeformableModel;
@@ -15,9 +16,6 @@ use utoipa::ToSchema;
 
 use crate::wire::VertexLabel;
 use http::problem::AppError;
-
-/// The least radius of a place, in mm: half a brush of 3 mm, as of findings.
-const LEAST_RADIUS_MM: f64 = 1.5;
 
 /// What the vertices of a mesh have values of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -147,11 +145,10 @@ impl Values {
             }
             (Some(Source::Maps(maps)), Some(name)) => {
                 let is_there = |place: &CandidateFacts| {
-                    let radius_mm = LEAST_RADIUS_MM.max(f64::from(place.size_mm) / 2.0);
                     let middle = DVec3::from_array(place.position_in_patient);
-                    middle.distance(position) <= radius_mm
+                    middle.distance(position) <= place_radius_mm(place)
                 };
-                let rank = places(maps, name).iter().position(is_there)?;
+                let rank = maps.places(name).iter().position(is_there)?;
                 Some(rank as f32 + 1.0)
             }
             (Some(Source::Findings(findings)), _) => {
@@ -187,20 +184,12 @@ impl Values {
                 let name = self.of.map().unwrap_or(MapName::Blur);
                 let label = |(rank, place): (u16, &CandidateFacts)| VertexLabel {
                     number: rank,
-                    name: format!("{rank}: score {:.1}, {}", place.score, place.side.name()),
+                    name: place_label(rank, place),
                     colour: render::label_color(usize::from(rank)),
                 };
-                (1..).zip(places(maps, name)).map(label).collect()
+                (1..).zip(maps.places(name)).map(label).collect()
             }
             None => Vec::new(),
         }
-    }
-}
-
-/// The places of the cerebrum that a map lists.
-fn places(maps: &LoadedMaps, name: MapName) -> &[CandidateFacts] {
-    match name {
-        MapName::Thickness => &maps.thick[0],
-        _ => &maps.candidates,
     }
 }
