@@ -166,11 +166,11 @@ def trial(arguments: argparse.Namespace) -> Report:
     ]
     names = [head.name for head in heads]
     for marks in others:
-        without = [head for head in names if not len(marks.heads[head].scores)]
         unjudged = [head for head, own in marks.heads.items() if head not in names and len(own.scores)]
-        remarks += [Remark(head, f"{marks.name} has no mark for it") for head in without]
         not_judged = f"{marks.name} has marks for it, but it is not judged"
         remarks += [Remark(head, not_judged) for head in [*marks.unknown, *unjudged]]
+        without = [head for head in names if not len(marks.heads[head].scores)]
+        remarks += [Remark(head, f"{marks.name} has no mark for it") for head in without]
     return Report(
         version=_version(derivatives),
         selection=selection,

@@ -248,7 +248,9 @@ def is_drawn_on_flair(truth: Path, files: HeadFiles) -> bool:
 
 def _found(lesion: Lesion, plane: Plane, depth: Volume, blur: Volume) -> FoundLesion:
     place = moved(np.linalg.inv(depth.affine), lesion.centre)
-    depth_mm = ndimage.map_coordinates(np.nan_to_num(depth.data.astype(float)), place[:, None], order=1)[0]
+    first = np.clip(np.floor(place).astype(int), 0, np.array(depth.data.shape) - 2)
+    around = np.nan_to_num(depth.data[tuple(slice(start, start + 2) for start in first)].astype(float))
+    depth_mm = ndimage.map_coordinates(around, (place - first)[:, None], order=1)[0]
     left_mm = float(plane.left_mm(lesion.centre))
     side = "middle" if abs(left_mm) <= MIDDLE_MM else "left" if left_mm > 0 else "right"
     voxels = np.rint(moved(np.linalg.inv(blur.affine), lesion.parts[0].positions)).astype(int)
