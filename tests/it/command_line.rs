@@ -135,7 +135,7 @@ fn voxels_are_written_in_the_grid_of_the_volume_and_wrong_names_are_refused() {
     };
     let whole = values(&head);
     let found = values(&depth);
-    assert_eq!(found.grid.size(), whole.grid.size());
+    assert_eq!(found.grid, whole.grid);
     for (depth_mm, intensity) in found.numbers.iter().zip(&whole.numbers) {
         assert!(
             *intensity == 0.0 || *depth_mm >= 0.0,
@@ -151,13 +151,6 @@ fn voxels_are_written_in_the_grid_of_the_volume_and_wrong_names_are_refused() {
         values(&path("voxels/depth.nii.gz")).numbers.len(),
         whole.numbers.len()
     );
-    // The bright cap is at the patient's right.
-    let sides = values(&path("voxels/sides.nii.gz"));
-    let bright = sides.numbers.iter().zip(&whole.numbers);
-    let bright: Vec<_> = bright
-        .filter(|(_, intensity)| **intensity == 1000.0)
-        .collect();
-    assert!(bright.len() > 100 && bright.iter().all(|(side, _)| **side == 2.0));
     for (options, words) in [
         (
             ["--nifti", "depth", "-o", "depth.png"],

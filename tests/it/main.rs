@@ -7,6 +7,7 @@ mod archives;
 mod attacks;
 mod audit;
 mod backup;
+mod bids;
 mod command_line;
 mod corrections;
 mod dicom;

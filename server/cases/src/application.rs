@@ -75,6 +75,15 @@ pub enum StartError {
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.prepare.network.as_deref())?;
     let store = Store::open(options.location.clone(), options.store.clone()).await?;
+    library_on(store, extractor, options)
+}
+
+/// The preparation of the cases of a store.
+fn library_on(
+    store: Store,
+    extractor: Extractor,
+    options: &Options,
+) -> Result<Library, StartError> {
     let words = extractor.words();
     match extractor.has_network() {
         true => tracing::info!("brains are extracted {words}"),
@@ -150,6 +159,34 @@ impl Cases {
             atlas,
             ..Self::on(library, &options)
         })
+    }
+
+    /// The application on a store in memory, which ends with it, and the library for workers that prepare its cases. Maps are made on
+    /// request ([`Library::make_maps_now`]), by no worker.
+    ///
+    /// # Errors
+    /// If there is no memory or no temporary folder for the store, or the network cannot be opened.
+    pub async fn in_memory(
+        options: &Options,
+        atlas: Option<Arc<Atlas>>,
+    ) -> Result<(Self, Library), StartError> {
+        let extractor = Extractor::open(options.prepare.network.as_deref())?;
+        let store = Store::in_memory(options.store.clone()).await?;
+        let mut without_maps = options.clone();
+        without_maps.limits.maps = MapsUse::Off;
+        let workers = library_on(store.clone(), extractor, &without_maps)?;
+        let library_options = LibraryOptions {
+            limits: options.limits.volumes(),
+            makes_maps: true,
+            cache_bytes: options.render.cache_bytes,
+            children: options.children,
+        };
+        let library = Library::new(store, Preparation::default(), library_options);
+        let cases = Self {
+            atlas,
+            ..Self::on(library, options)
+        };
+        Ok((cases, workers))
     }
 
     /// The application on a library, without an atlas.

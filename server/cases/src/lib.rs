@@ -2,6 +2,7 @@
 
 mod adopt;
 mod application;
+pub mod bids;
 pub mod cache;
 mod check_memory;
 mod client;

@@ -246,7 +246,9 @@ fn values_at(profile: &PointProfile) -> Values {
 ///
 /// # Errors
 /// [`Error::LayerNotReady`].
-fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, Undefined>, Error> {
+pub(crate) fn found_or_reason(
+    state: MapsState,
+) -> Result<Result<Arc<LoadedMaps>, Undefined>, Error> {
     match state.found() {
         Ok(maps) => Ok(Ok(maps)),
         Err(Error::MapsUndefined(reason)) => Ok(Err(reason)),

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod contents;
+mod heads;
 mod html;
 mod pdf;
 mod pictures;
@@ -12,6 +13,7 @@ use case::findings::Finding;
 use case::{CandidateFacts, Case, CaseFacts, RegionFacts};
 use serde::{Deserialize, Serialize};
 
+pub use heads::{ListedHead, page_of_heads};
 pub use html::POLICY;
 pub use pictures::{DEPTHS_MM, FindingPictures, Overview, Shot, Shows, Through};
 pub use words::Language;

@@ -47,6 +47,22 @@ pub(super) struct LayerFile {
     parameters: LayerParameters,
 }
 
+impl LayerFile {
+    /// The FLAIR of a head.
+    pub(super) fn flair(path: PathBuf) -> Self {
+        Self {
+            path,
+            name: "FLAIR".to_owned(),
+            kind: Some(LayerKind::Mr),
+            unit: None,
+            parameters: LayerParameters {
+                contrast: Some(Contrast::Flair),
+                ..LayerParameters::default()
+            },
+        }
+    }
+}
+
 impl LayerOptions {
     /// The layers.
     ///
@@ -129,11 +145,23 @@ pub(super) async fn add_layers(
         let of_layer = |error: CliError| {
             CliError::new(error.status, format!("layer {name}: {}", error.message))
         };
-        let added = add(store, case, layer).await.map_err(of_layer)?;
-        let ready = wait(store, added).await.map_err(of_layer)?;
+        let ready = add_layer(store, case, layer).await.map_err(of_layer)?;
         tell(&ready);
     }
     Ok(())
+}
+
+/// Adds a layer to a case and waits for it.
+///
+/// # Errors
+/// If it cannot be read or prepared.
+pub(super) async fn add_layer(
+    store: &Store,
+    case: &CaseId,
+    layer: LayerFile,
+) -> Result<Layer, CliError> {
+    let added = add(store, case, layer).await?;
+    wait(store, added).await
 }
 
 async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, CliError> {

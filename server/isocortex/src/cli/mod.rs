@@ -2,6 +2,7 @@
 
 mod audit;
 mod before_patients;
+mod bids;
 mod check_config;
 mod check_store;
 mod choices;
@@ -56,11 +57,12 @@ Examples:
   isocortex prepare head.nii.gz --layer flair.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
   isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
+  isocortex bids /data /data/derivatives/isocortex participant
 
 Exit status:
    0  done
    2  invalid command line
-  65  unusable input (not NIfTI, MGH or DICOM, damaged, a mask is missing …)
+  65  unusable input (not NIfTI, MGH or DICOM, damaged, a mask is missing …); of `bids`: not all heads are done
   66  the input does not exist or cannot be read
   69  the address is taken, or the store is busy
   70  internal error
@@ -126,6 +128,8 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case or a volume as PNG.
     Render(render::RenderArgs),
+    /// Derive depths, maps, places and reports from the heads of a BIDS folder.
+    Bids(bids::BidsArgs),
     /// Write the man pages and the completions of shells, for a package.
     #[command(hide = true)]
     Manual(manual::ManualArgs),
@@ -244,6 +248,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Bids(args) => bids::run(&args),
         Command::Manual(args) => manual::run(&args),
     }
 }

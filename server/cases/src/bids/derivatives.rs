@@ -1,0 +1,249 @@
+//! The folder of what is derived from the heads of a BIDS folder.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::folder::HeadName;
+use super::record::{HeadRecord, MadeWith};
+
+/// The version of BIDS that the names follow.
+const BIDS_VERSION: &str = "1.10.0";
+
+/// The name by which it is known who made the folder.
+const GENERATOR: &str = "Isocortex";
+
+/// What validators leave out: BIDS has no names for maps, places, surfaces and transforms yet, nor for reports and pictures.
+const IGNORED: &str =
+    "*.html\nsummary.tsv\nsub-*/figures\n*_map.*\n*_desc-places.*\n*.surf.gii\n*_xfm.json\n";
+
+/// Why the folder cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    #[error("{} cannot be written: {source}", .path.display())]
+    Unwritable {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// It is that of another program.
+    #[error(
+        "{} was made by another program, as its dataset_description.json says; name another folder", .path.display()
+    )]
+    OfAnother { path: PathBuf },
+    /// The acquired volumes would lie beside what is derived from them.
+    #[error("the output folder is the BIDS folder itself; name another one, such as {}/derivatives/isocortex", .path.display())]
+    Same { path: PathBuf },
+}
+
+/// The folder of the derivatives.
+#[derive(Debug, Clone)]
+pub struct Derivatives {
+    root: PathBuf,
+}
+
+impl Derivatives {
+    /// Makes the folder with its description, or opens the one that an earlier run made from the BIDS folder `raw`.
+    ///
+    /// # Errors
+    /// If it cannot be written, or belongs to another program.
+    pub fn open(root: &Path, raw: &Path, made_with: &MadeWith) -> Result<Self, OutputError> {
+        let this = Self {
+            root: root.to_owned(),
+        };
+        let unwritable = |source| OutputError::Unwritable {
+            path: root.to_owned(),
+            source,
+        };
+        std::fs::create_dir_all(root).map_err(unwritable)?;
+        let raw = raw.canonicalize().map_err(unwritable)?;
+        if root.canonicalize().map_err(unwritable)? == raw {
+            return Err(OutputError::Same { path: raw });
+        }
+        let path = root.join("dataset_description.json");
+        if let Some(known) = read(&path)? {
+            let known: Value = serde_json::from_slice(&known).unwrap_or_default();
+            if known["GeneratedBy"][0]["Name"] != GENERATOR {
+                return Err(OutputError::OfAnother {
+                    path: root.to_owned(),
+                });
+            }
+        }
+        this.write_json(
+            &path,
+            &json!({
+                "Name": "Isocortex: depth below the dura, maps of the cortex, and their places",
+                "BIDSVersion": BIDS_VERSION,
+                "DatasetType": "derivative",
+                "GeneratedBy": [{"Name": GENERATOR, "Version": made_with.version, "Description": "isocortex bids"}],
+                "DatasetLinks": {"raw": format!("file://{}", encoded(&raw.to_string_lossy()))},
+            }),
+        )?;
+        this.write(&root.join(".bidsignore"), IGNORED.as_bytes())?;
+        this.write(&root.join("README.md"), README.as_bytes())?;
+        Ok(this)
+    }
+
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// The folder of the files of a head.
+    fn anat(&self, name: &HeadName) -> PathBuf {
+        self.root.join(&name.folder).join("anat")
+    }
+
+    /// The file of a head with this end of its name.
+    pub fn path(&self, name: &HeadName, end: &str) -> PathBuf {
+        self.anat(name).join(format!("{}_{end}", name.prefix))
+    }
+
+    /// The report of a head.
+    pub fn report(&self, name: &HeadName) -> PathBuf {
+        self.root.join(format!("{}.html", name.prefix))
+    }
+
+    /// The picture of a head.
+    pub fn picture(&self, name: &HeadName) -> PathBuf {
+        let subject: PathBuf = name.folder.components().take(1).collect();
+        let file = format!("{}_desc-cut.png", name.prefix);
+        self.root.join(subject).join("figures").join(file)
+    }
+
+    /// The file that is written last.
+    fn record_path(&self, name: &HeadName) -> PathBuf {
+        self.path(name, "desc-brain_mask.json")
+    }
+
+    /// A path relative to the root.
+    pub fn relative(&self, path: &Path) -> String {
+        let relative = path.strip_prefix(&self.root).unwrap_or(path);
+        relative.to_string_lossy().into_owned()
+    }
+
+    /// The address of a file in a page at the root.
+    pub fn address(&self, path: &Path) -> String {
+        encoded(&self.relative(path))
+    }
+
+    /// What an earlier run recorded of a head, if all of its files are there.
+    ///
+    /// # Errors
+    /// If it is there and cannot be read.
+    pub fn record(&self, name: &HeadName) -> Result<Option<HeadRecord>, OutputError> {
+        let record = read(&self.record_path(name))?;
+        let record = record.and_then(|bytes| serde_json::from_slice::<HeadRecord>(&bytes).ok());
+        let is_whole = |record: &HeadRecord| {
+            record
+                .files
+                .iter()
+                .all(|file| self.root.join(file).is_file())
+        };
+        Ok(record.filter(is_whole))
+    }
+
+    /// Records that a head is done.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(&self, name: &HeadName, record: &HeadRecord) -> Result<(), OutputError> {
+        let record = serde_json::to_value(record).unwrap_or_default();
+        self.write_json(&self.record_path(name), &record)
+    }
+
+    /// Removes what an earlier run wrote of a head, the record first.
+    ///
+    /// # Errors
+    /// If something cannot be removed.
+    pub fn clear(&self, name: &HeadName) -> Result<(), OutputError> {
+        let gone = |path: &Path| match std::fs::remove_file(path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(OutputError::Unwritable {
+                path: path.to_owned(),
+                source: error,
+            }),
+            _ => Ok(()),
+        };
+        for path in [
+            self.record_path(name),
+            self.report(name),
+            self.picture(name),
+        ] {
+            gone(&path)?;
+        }
+        // The entities that only derivatives have; another run or session of the subject has others before them.
+        let starts = ["desc", "hemi", "from"].map(|entity| format!("{}_{entity}-", name.prefix));
+        let anat = self.anat(name);
+        for entry in std::fs::read_dir(&anat).into_iter().flatten().flatten() {
+            let file = entry.file_name();
+            let is_own = |start: &String| file.to_string_lossy().starts_with(start);
+            if starts.iter().any(is_own) {
+                gone(&entry.path())?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a whole file: under another name first, so that whoever ends the program leaves no part of it.
+    ///
+    /// # Errors
+    /// If it, or its folder, cannot be written.
+    pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+        let folder = path.parent().unwrap_or(&self.root);
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let part = folder.join(format!(".{name}.part"));
+        let written = std::fs::create_dir_all(folder)
+            .and_then(|()| std::fs::write(&part, bytes))
+            .and_then(|()| std::fs::rename(&part, path));
+        written.map_err(|source| OutputError::Unwritable {
+            path: path.to_owned(),
+            source,
+        })
+    }
+
+    /// The same, of a JSON value.
+    ///
+    /// # Errors
+    /// As [`Derivatives::write`].
+    pub fn write_json(&self, path: &Path, value: &Value) -> Result<(), OutputError> {
+        self.write(path, format!("{value:#}\n").as_bytes())
+    }
+}
+
+fn read(path: &Path) -> Result<Option<Vec<u8>>, OutputError> {
+    match std::fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(source) => Err(OutputError::Unwritable {
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}
+
+/// A path in a URI.
+pub(super) fn encoded(path: &str) -> String {
+    let letter = |byte: u8| match byte {
+        b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'-' | b'_' | b'.' | b'~' | b'/' => {
+            char::from(byte).to_string()
+        }
+        other => format!("%{other:02X}"),
+    };
+    path.bytes().map(letter).collect()
+}
+
+const README: &str = "\
+# Derivatives of Isocortex
+
+`isocortex bids` made these files. **For research use only. Not for diagnosis.** Most places that maps list are normal: nothing is detected.
+
+`summary.html` shows all heads, `summary.tsv` states why one has no files, and each head has a report, `sub-….html`. All volumes have the grid of the
+T1-weighted volume, all positions are in its scanner space (RAS, mm):
+
+- `desc-brain_mask`: the brain; its JSON has the verdict on it, and is written last, when a head is complete.
+- `desc-depth_map`: the depth below the envelope of the brain in mm, NaN outside.
+- `desc-blur_map`, `desc-thickness_map`, `desc-flair_map`: robust z values, NaN where they are undefined.
+- `desc-sides_dseg`, `desc-regions_dseg`, `desc-blurplaces_dseg` …: labels, with their names in a table.
+- `desc-places.tsv`: the places that the maps list.
+- `hemi-L_desc-8mm_cut.surf.gii`: the cut 8 mm below the envelope of a half of the cerebrum.
+- `from-FLAIR_to-T1w_mode-image_xfm.json`: where the FLAIR lies.
+";
