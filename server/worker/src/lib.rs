@@ -31,7 +31,7 @@ pub use priority::yield_to_answers;
 pub use program::{Program, at_a_time};
 pub use reader::{READER_DIED, SeriesReader};
 pub use reading::{Choice, Input, Reading};
-pub use subject::SubjectReading;
+pub use subject::{SubjectReading, flat_name};
 pub use surface::{SurfaceReading, Surfaces};
 
 /// The subcommand of the child.

@@ -41,6 +41,11 @@ const MAX_ENTRIES: usize = 20_000;
 /// The longest target of a link in an archive.
 const MAX_LINK_BYTES: u64 = 255;
 
+/// The name of a file of a subject in a folder without folders.
+pub fn flat_name(name: &str) -> String {
+    name.replace('/', "+")
+}
+
 /// What is stated of a subject.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -192,7 +197,7 @@ pub(crate) fn read(order: &SubjectOrder) -> io::Result<()> {
     let place = match input.metadata()?.is_dir() {
         true => {
             rustix::process::fchdir(&input)?;
-            let place = Place::Folder(in_folder(Path::new("."))?);
+            let place = Place::Folder(in_folder(Path::new("."), order.is_own_input)?);
             let reads = Directory {
                 directory: input.as_fd(),
                 is_own: order.is_own_input,
@@ -248,10 +253,16 @@ pub(crate) fn read(order: &SubjectOrder) -> io::Result<()> {
 
 /// The files of a subject below a folder. FreeSurfer links some of them to others: links within the folder are followed, and one that leads
 /// outward, or anything but a file, is left out.
-fn in_folder(folder: &Path) -> io::Result<HashMap<String, PathBuf>> {
+///
+/// A folder that was made for this reading has no folders: there a file has its path as its name ([`flat_name`]).
+fn in_folder(folder: &Path, is_flat: bool) -> io::Result<HashMap<String, PathBuf>> {
     let folder = folder.canonicalize()?;
     let found = subject_files().filter_map(|name| {
-        let file = folder.join(&name).canonicalize().ok()?;
+        let file = match is_flat {
+            true => folder.join(flat_name(&name)),
+            false => folder.join(&name),
+        };
+        let file = file.canonicalize().ok()?;
         let path = file.strip_prefix(&folder).ok()?;
         file.is_file().then(|| (name, Path::new(".").join(path)))
     });

@@ -19,7 +19,7 @@ pub use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 pub use imaging::nifti::Form;
 pub use imaging::surface::{Drawing, Space};
-pub use worker::{Choice, Input, MAX_FILE_BYTES, Program, READER_DIED, SubjectReading};
+pub use worker::{Choice, Input, MAX_FILE_BYTES, Program, READER_DIED, SubjectReading, flat_name};
 
 /// Series that may wait.
 const WAITING: usize = 16;

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use case::{CaseId, Failure, LayerKind, LayerParameters, SurfaceFacts};
-use imaging::surface::{Drawn, SubjectLayer};
+use case::{CaseId, Failure, Layer, LayerKind, LayerParameters, SurfaceFacts};
+use imaging::surface::{Drawn, SubjectLayer, subject_files, subject_folder};
 use imaging::{Format, START_BYTES, sniff};
 use storage::{LayerName, LayerUpload, Spooled};
 
 use crate::application::Cases;
-use crate::dicom::Input;
+use crate::dicom::{Input, flat_name};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
 
@@ -30,7 +30,7 @@ pub(super) fn facts_of(drawn: &Drawn) -> SurfaceFacts {
     }
 }
 
-/// A layer of a subject, as it is added to its case. If the case has another layer of its name, it gets a number.
+/// A layer of a subject, as it is added to its case. If a map or another layer of the case has its name, it gets another one.
 ///
 /// # Errors
 /// If its name, unit or labels are unusable.
@@ -53,7 +53,12 @@ pub fn upload_of_subject(
         surface: layer.drawn.as_ref().map(facts_of),
         ..LayerParameters::default()
     };
-    case::Layer::check_name(&layer.name)?;
+    // `thickness` is a map of every case.
+    let name = match Layer::check_name(&layer.name) {
+        Ok(()) => layer.name,
+        Err(_) => format!("surface {}", layer.name),
+    };
+    Layer::check_name(&name)?;
     parameters.check()?;
     Ok(LayerUpload {
         case,
@@ -61,26 +66,35 @@ pub fn upload_of_subject(
         dicom: None,
         series: None,
         images: Vec::new(),
-        name: LayerName::Usual(layer.name),
+        name: LayerName::Usual(name),
         parameters,
     })
 }
 
 impl Cases {
-    /// Reads the zip of the folder of a FreeSurfer subject; `None` if the files are something else.
+    /// Reads the folder of a FreeSurfer subject, which is in a zip or has [`flat_name`]s; `None` if the files are something else.
     ///
     /// # Errors
     /// As [`DicomReader::read_subject`](crate::dicom::DicomReader::read_subject), or an error of the store.
     pub async fn subject(&self, files: &VolumeFiles) -> Result<Option<ReceivedSubject>, Error> {
-        let VolumeFiles::One(file) = files else {
+        let input = match files {
+            VolumeFiles::One(file) => {
+                let is_zip = sniff(&file.head(START_BYTES).await?) == Format::Zip;
+                is_zip.then_some(Input::Spooled(file))
+            }
+            VolumeFiles::Dicom(folder) => {
+                let is_volume = |name: &String| subject_folder(name) == Some("");
+                let mut volumes = subject_files().filter(is_volume);
+                let is_there = |name: String| folder.path().join(flat_name(&name)).exists();
+                volumes.any(is_there).then_some(Input::Directory(folder))
+            }
+        };
+        let Some(input) = input else {
             return Ok(None);
         };
-        if sniff(&file.head(START_BYTES).await?) != Format::Zip {
-            return Ok(None);
-        }
         let spools = self.store().spools();
         let scratch = spools.path();
-        let reading = self.dicom.read_subject(Input::Spooled(file), &scratch);
+        let reading = self.dicom.read_subject(input, &scratch);
         let Some(reading) = reading.await? else {
             return Ok(None);
         };

@@ -136,12 +136,13 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
             surfaces.push((name, surface));
         }
     }
-    let contours: Vec<_> = surfaces
-        .iter()
-        .map(|(_, surface)| (&**surface, None))
-        .collect();
+    let contours = surfaces.iter().map(|(_, surface)| SurfaceFiles {
+        surface,
+        values: None,
+    });
+    let contours: Vec<_> = contours.collect();
     if !contours.is_empty() {
-        let mut contours = drawer.layer("white and pial", "", (&contours, true), "surf")?;
+        let mut contours = drawer.layer("white and pial", ("", true), &contours, "surf")?;
         let names = surfaces.iter().map(|(name, _)| name.clone());
         contours.names = (1..).zip(names).collect();
         layers.push(contours);
@@ -155,17 +156,18 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
         }
         Ok::<_, SubjectError>(found)
     };
-    let draw = |found: &[(usize, Vec<u8>)], (name, unit): (&str, &str), are_labels| {
-        let files = found
-            .iter()
-            .map(|(number, values)| (&*surfaces[*number].1, Some(&**values)));
-        let files: Vec<_> = files.collect();
-        drawer.layer(name, unit, (&files, are_labels), name)
+    let draw = |found: &[(usize, Vec<u8>)], name: &str, values: (&str, bool)| {
+        let found = found.iter().map(|(number, values)| SurfaceFiles {
+            surface: &surfaces[*number].1,
+            values: Some(values),
+        });
+        let found: Vec<_> = found.collect();
+        drawer.layer(name, values, &found, name)
     };
     for (name, unit) in VALUES {
         let found = on_white(&|half| format!("surf/{half}.{name}"))?;
         if !found.is_empty() {
-            layers.push(draw(&found, (name, unit), false)?);
+            layers.push(draw(&found, name, (unit, false))?);
         }
     }
     let mut names = BTreeMap::new();
@@ -174,7 +176,7 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
         if found.is_empty() {
             continue;
         }
-        let drawn = draw(&found, (name, ""), true)?;
+        let drawn = draw(&found, name, ("", true))?;
         names = drawn.names.clone();
         layers.push(drawn);
         break;
@@ -218,12 +220,12 @@ struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// A layer of surfaces, each perhaps with values.
+    /// A layer of surfaces, each perhaps with values. `file` is what an error names.
     fn layer(
         &self,
         name: &str,
-        unit: &str,
-        (files, are_labels): (&[(&[u8], Option<&[u8]>)], bool),
+        (unit, are_labels): (&str, bool),
+        files: &[SurfaceFiles<'_>],
         file: &str,
     ) -> Result<SubjectLayer, SubjectError> {
         let affine = self.grid.patient_from_voxel();
@@ -240,14 +242,11 @@ impl Drawer<'_> {
             column: None,
             are_labels: Some(are_labels),
         };
-        let files: Vec<_> = (files.iter())
-            .map(|&(surface, values)| SurfaceFiles { surface, values })
-            .collect();
-        let (nifti, drawn) =
-            draw(&files, Some(self.t1), &drawing, self.limits).map_err(|error| {
-                let file = file.to_owned();
-                SubjectError { file, error }
-            })?;
+        let drawn = draw(files, Some(self.t1), &drawing, self.limits);
+        let (nifti, drawn) = drawn.map_err(|error| {
+            let file = file.to_owned();
+            SubjectError { file, error }
+        })?;
         Ok(SubjectLayer {
             file: nifti,
             name: name.to_owned(),

@@ -30,7 +30,8 @@ pub struct UploadForm {
     /// FreeSurfer or FastSurfer subject, whose brain becomes the mask, and whose surfaces and regions become layers.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     volume: Option<String>,
-    /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
+    /// DICOM files of a series, one per part, or zips of them, instead of `volume`; or the files of a FreeSurfer or FastSurfer subject, each with its
+    /// path below the folder as the file name, such as `mri/T1.mgz`. No other file name is looked at.
     #[schema(format = Binary, content_media_type = "application/dicom")]
     dicom: Option<Vec<String>>,
     /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
