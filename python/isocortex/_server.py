@@ -117,7 +117,8 @@ def open(
 
     It takes some seconds; the same head again is there at once.
 
-    volume: NIfTI (`.nii`, `.nii.gz`) or MGH (`.mgz`), a folder or zip of DICOM files, or a nibabel image.
+    volume: NIfTI (`.nii`, `.nii.gz`) or MGH (`.mgz`), a folder or zip of DICOM files, the folder of a FreeSurfer or
+        FastSurfer subject with its surfaces and regions as layers, or a nibabel image.
     mask: the brain, as a volume on any grid, or where to find it: `"network"`, `"pruning"` or `"volume"` (the volume is
         skull-stripped). By default the program finds the brain. If the mask is doubtful, a warning states why.
     name: a label for lists and pictures.

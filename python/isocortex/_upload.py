@@ -31,9 +31,27 @@ def upload(
     return answer
 
 
+# What a server reads of the folder of a FreeSurfer or FastSurfer subject.
+_VOLUMES = ("mri/T1.mgz", "mri/orig.mgz", "mri/nu.mgz")
+_OTHERS = (
+    *("mri/brainmask.mgz", "mri/mask.mgz", "mri/aparc*+aseg*.mgz", "label/[lr]h.aparc*.annot"),
+    *(f"surf/[lr]h.{name}" for name in ("white", "pial", "thickness", "curv", "sulc")),
+)
+
+
+def _files(folder: Path) -> Iterator[tuple[Path, str]]:
+    """The files of a folder and their names in an archive: of a subject the usual ones at their places, otherwise all, as numbers."""
+    if any((folder / name).is_file() for name in _VOLUMES):
+        found = sorted(path for pattern in (*_VOLUMES, *_OTHERS) for path in folder.glob(pattern) if path.is_file())
+        yield from ((path, path.relative_to(folder).as_posix()) for path in found)
+    else:
+        found = sorted(path for path in folder.rglob("*") if path.is_file())
+        yield from ((path, str(number)) for number, path in enumerate(found))
+
+
 @contextlib.contextmanager
 def opened(volume: Image) -> Iterator[IO[bytes]]:
-    """The bytes of a volume: of a file, of a folder of DICOM files as a zip, or of a nibabel image as NIfTI."""
+    """The bytes of a volume: of a file, of a folder of DICOM files or of a subject as a zip, or of a nibabel image as NIfTI."""
     if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
         image = nibabel("a nibabel image").Nifti1Image.from_image(volume)
         yield io.BytesIO(image.to_bytes())
@@ -43,9 +61,8 @@ def opened(volume: Image) -> Iterator[IO[bytes]]:
     if os.path.isdir(volume):
         with tempfile.TemporaryFile() as packed:
             with zipfile.ZipFile(packed, "w") as folder:
-                files = sorted(path for path in Path(volume).rglob("*") if path.is_file())
-                for number, path in enumerate(files):
-                    folder.write(path, str(number))
+                for path, name in _files(Path(volume)):
+                    folder.write(path, name)
             packed.seek(0)
             yield packed
     else:

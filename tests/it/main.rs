@@ -58,6 +58,7 @@ mod short_faults;
 mod sides;
 mod sockets;
 mod storage_nodes;
+mod subjects;
 mod surface_layers;
 mod surfaces;
 mod tls;

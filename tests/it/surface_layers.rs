@@ -245,7 +245,7 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
 }
 
 /// An annotation: the first half of the vertices is `front`, the other half `back`.
-fn annotation(vertices: usize) -> Vec<u8> {
+pub(crate) fn annotation(vertices: usize) -> Vec<u8> {
     let mut file = Vec::new();
     let mut put = |numbers: &[i32]| file.extend(numbers.iter().flat_map(|n| n.to_be_bytes()));
     put(&[vertices as i32]);
@@ -299,7 +299,7 @@ fn surface_of(folder: &Path, name: &str) -> (Vec<u8>, ValuedSurface) {
     (file, read)
 }
 
-fn curv(values: &[f32]) -> Vec<u8> {
+pub(crate) fn curv(values: &[f32]) -> Vec<u8> {
     let counts = [values.len() as i32, 0, 1].map(i32::to_be_bytes);
     let values = values.iter().flat_map(|value| value.to_be_bytes());
     [

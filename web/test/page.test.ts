@@ -10,7 +10,7 @@ import { type Words, intensity, languageFor, number, numberUpTo, readNumber, spe
 import { isOfOther } from "../src/page/findings-files.tsx";
 import { readPreferences } from "../src/store/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
-import { sortFiles, uploadName } from "../src/page/upload-files.ts";
+import { ofSubject, partName, sortFiles, uploadName } from "../src/page/upload-files.ts";
 import english from "../src/words.en.json";
 import portuguese from "../src/words.pt-BR.json";
 import { SHOWN } from "./shown.ts";
@@ -221,6 +221,16 @@ test("files are sorted by what they are", () => {
     sortFiles([...series, file("DICOMDIR"), file("report.pdf"), file(".DS_Store"), file("empty", 0)], null).dicom,
     series,
   );
+  const subject = ["mri/T1.mgz", "mri/brainmask.mgz", "surf/lh.white", "surf/rh.thickness", "label/lh.aparc.annot"];
+  const folder = [...subject, "mri/ribbon.mgz", "surf/lh.white.H", "surf/lh.sphere", "scripts/recon-all.log"].map(
+    (path) => {
+      const { name } = ofSubject(new File(["x"], path.replace(/.*\//, "")), `/Smith/${path}`);
+      return file(name);
+    },
+  );
+  const { dicom, volume: none } = sortFiles(folder, null);
+  assert.deepEqual([dicom.map(({ name }) => name), none], [subject, null]);
+  assert.deepEqual([partName("surf/lh.white", 3), partName("Smith.IMA", 3)], ["surf/lh.white", "4.dcm"]);
   assert.equal(sortFiles([], null).trouble, "upload.nothing");
   assert.equal(sortFiles([head, large, small], null).trouble, "upload.too-many");
   assert.equal(sortFiles([zip, file("b.zip")], null).trouble, "upload.too-many");

@@ -1,7 +1,9 @@
 //! Further volumes of the head of a case: submitted, listed, changed and deleted.
 
+mod subject;
 mod surfaces;
 
+pub use subject::{ReceivedSubject, upload_of_subject};
 pub use surfaces::ReceivedSurfaces;
 
 use case::{

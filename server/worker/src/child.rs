@@ -62,6 +62,10 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
             limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
             crate::surface::draw(&order)
         }
+        Order::Subject(order) => {
+            limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
+            crate::subject::read(&order)
+        }
         Order::Confine => {
             limit_this_process(1 << 30, 0, 1)?;
             answer(&confine(&Needs::default()))

@@ -14,6 +14,7 @@ mod program;
 mod reader;
 mod reading;
 mod stored;
+mod subject;
 mod surface;
 
 pub use child::run as run_child;
@@ -30,6 +31,7 @@ pub use priority::yield_to_answers;
 pub use program::{Program, at_a_time};
 pub use reader::{READER_DIED, SeriesReader};
 pub use reading::{Choice, Input, Reading};
+pub use subject::{SubjectReading, flat_name};
 pub use surface::{SurfaceReading, Surfaces};
 
 /// The subcommand of the child.

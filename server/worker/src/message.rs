@@ -28,6 +28,8 @@ pub(crate) enum Order {
     Prepare(Box<PrepareOrder>),
     /// Draw surfaces into voxels; a [`Stated`] in a file answers it.
     Surfaces(SurfaceOrder),
+    /// Read the folder of a subject, or a zip of it; a [`Stated`] in a file answers it.
+    Subject(SubjectOrder),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
     Confine,
 }
@@ -127,6 +129,27 @@ pub(crate) struct SurfaceOrder {
     pub(crate) max_voxels: usize,
     /// The limit for memory.
     pub(crate) memory_bytes: u64,
+    /// The limit for CPU time.
+    pub(crate) seconds: u64,
+}
+
+/// Which folder of a subject to read.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SubjectOrder {
+    /// A zip, or a folder.
+    pub(crate) input: PathBuf,
+    /// Whether a folder was made for this order, and may be given to a user of the process's own.
+    pub(crate) is_own_input: bool,
+    /// An empty directory.
+    pub(crate) output: PathBuf,
+    /// The number of zero bytes to write before each file.
+    pub(crate) room: u64,
+    pub(crate) max_voxels: usize,
+    /// The limit for memory.
+    pub(crate) memory_bytes: u64,
+    /// The limit for the unpacked bytes of all files.
+    pub(crate) max_input_bytes: u64,
     /// The limit for CPU time.
     pub(crate) seconds: u64,
 }

@@ -1,5 +1,7 @@
 // Files that are dropped on the page.
 
+import { ofSubject } from "./upload-files.ts";
+
 /** Calls `hear` with files that are dropped anywhere on the page, including the files of dropped folders, and with what they were dropped on. */
 export function hearDrops(target: HTMLElement, hear: (files: readonly File[], onto: Element | null) => void): void {
   const hasFiles = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
@@ -33,9 +35,10 @@ async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<Fi
   const files: File[] = [];
   const waiting = entries.filter((entry) => entry !== null);
   for (let entry = waiting.pop(); entry && files.length < MOST_FILES; entry = waiting.pop()) {
-    if (entry.isFile)
-      files.push(await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject)));
-    else waiting.push(...(await entriesOf(entry as FileSystemDirectoryEntry)));
+    if (entry.isFile) {
+      const file = await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject));
+      files.push(ofSubject(file, entry.fullPath));
+    } else waiting.push(...(await entriesOf(entry as FileSystemDirectoryEntry)));
   }
   return files;
 }

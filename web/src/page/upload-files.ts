@@ -13,6 +13,7 @@ export interface Sorted<F extends Named> {
   /** NIfTI, or a zip of DICOM. */
   readonly volume: F | null;
   readonly mask: F | null;
+  /** DICOM, or the files of a FreeSurfer subject. */
   readonly dicom: readonly F[];
   /** Further volumes of the same head. */
   readonly layers: readonly F[];
@@ -29,6 +30,16 @@ export const looksLikeMask = ({ name }: Named): boolean => /mask|bet|brain|seg|l
 const isLitter = ({ name, size }: Named): boolean =>
   size === 0 || /^\.|^(DICOMDIR|thumbs\.db|desktop\.ini)$|\.(txt|xml|json|md|pdf|jpe?g|png)$/i.test(name);
 
+/** The paths of what is read of the folder of a FreeSurfer subject; no other file has a folder in its name. */
+const SUBJECT =
+  /(mri\/(T1|orig|nu|\w*mask|aparc.*)\.mgz|surf\/.h\.(white|pial|thickness|curv|sulc)|label\/.h\.aparc.*annot)$/;
+
+/** A file at a path in a folder: what is of a subject has its path there for its name. */
+export function ofSubject(file: File, path: string): File {
+  const name = SUBJECT.exec(path)?.[0];
+  return name ? new File([file], name) : file;
+}
+
 /** Sorts files; `mask` is one that was chosen as such. */
 export function sortFiles<F extends Named>(files: readonly F[], mask: F | null): Sorted<F> {
   const nifti = files.filter(isNifti);
@@ -42,6 +53,8 @@ export function sortFiles<F extends Named>(files: readonly F[], mask: F | null):
     trouble: null,
     ...part,
   });
+  const subject = files.filter(({ name }) => SUBJECT.test(name));
+  if (subject.length > 0) return sorted({ dicom: subject });
   if (nifti.length + zips.length === 0) {
     const [volume, another] = rest;
     if (!volume) return sorted({ trouble: "upload.nothing" });
@@ -110,6 +123,9 @@ export function freeName(wanted: string, taken: readonly string[]): string {
     if (!taken.includes(name)) return name;
   }
 }
+
+/** The name of one of several files: a number, but for what is of a subject. */
+export const partName = (name: string, index: number): string => (SUBJECT.test(name) ? name : `${index + 1}.dcm`);
 
 /** A name that says what the file is, and nothing of the patient. */
 export function uploadName(part: string, name: string): string {

@@ -12,7 +12,7 @@ import { confirmRename, offerLayers } from "./dialogs.tsx";
 import { FileInput } from "./fields.tsx";
 import { type Offer, sendLayer, wishOf } from "./layer-form.ts";
 import { Sending, Transfer } from "./transfer.tsx";
-import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
+import { type Sorted, freeName, looksLikeMask, ofSubject, partName, sortFiles, uploadName } from "./upload-files.ts";
 
 interface Chosen {
   readonly files: readonly File[];
@@ -187,7 +187,7 @@ export function UploadForm({ upload }: { readonly upload: Upload }) {
             words={t("upload.choose-folder")}
             hint={t("upload.folder-hint")}
             webkitdirectory
-            onFiles={(files) => upload.take(files)}
+            onFiles={(files) => upload.take(files.map((file) => ofSubject(file, file.webkitRelativePath)))}
           />
           <FileInput
             id="upload-mask"
@@ -285,7 +285,7 @@ function bodyOf(
   const body = new FormData();
   body.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
   if (sorted.volume) body.append("volume", sorted.volume, uploadName("volume", sorted.volume.name));
-  sorted.dicom.forEach((file, index) => body.append("dicom", file, `${index + 1}.dcm`));
+  sorted.dicom.forEach((file, index) => body.append("dicom", file, partName(file.name, index)));
   if (sorted.mask) body.append("mask", sorted.mask, uploadName("mask", sorted.mask.name));
   return body;
 }

@@ -1,4 +1,4 @@
-//! Reads DICOM files or surfaces into a volume, in confined processes, of which a bounded number run at a time.
+//! Reads DICOM files, surfaces or the folder of a subject into volumes, in confined processes, of which a bounded number run at a time.
 
 mod headers;
 mod stored;
@@ -19,7 +19,7 @@ pub use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 pub use imaging::nifti::Form;
 pub use imaging::surface::{Drawing, Space};
-pub use worker::{Choice, Input, MAX_FILE_BYTES, Program, READER_DIED};
+pub use worker::{Choice, Input, MAX_FILE_BYTES, Program, READER_DIED, SubjectReading, flat_name};
 
 /// Series that may wait.
 const WAITING: usize = 16;
@@ -84,6 +84,19 @@ impl DicomReader {
     ) -> Result<SurfaceReading, Error> {
         let _turn = self.limit.turn().await?;
         Ok(self.reader.read_surfaces(surfaces, scratch).await?)
+    }
+
+    /// As [`SeriesReader::read_subject`].
+    ///
+    /// # Errors
+    /// As [`DicomReader::read`].
+    pub async fn read_subject(
+        &self,
+        input: Input<'_>,
+        scratch: &Path,
+    ) -> Result<Option<SubjectReading>, Error> {
+        let _turn = self.limit.turn().await?;
+        Ok(self.reader.read_subject(input, scratch).await?)
     }
 
     /// As [`SeriesReader::confinement`].

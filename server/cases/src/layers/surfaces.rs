@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use case::{CaseId, Failure, Layer, LayerKind, LayerParameters, SurfaceFacts, Transform};
+use case::{CaseId, Failure, Layer, LayerKind, LayerParameters, Transform};
 use storage::Spooled;
 use worker::{SurfaceReading, Surfaces};
 
+use super::subject::facts_of;
 use super::{ReceivedLayer, parameters_of};
 use crate::application::Cases;
 use crate::dicom::{Drawing, Options, Space};
@@ -69,6 +70,7 @@ impl Cases {
         let reading: SurfaceReading = self.dicom.read_surfaces(surfaces, &scratch).await?;
         let volume = self.store().spools().take(reading.file()).await?;
         let drawn = reading.drawn;
+        let surface = facts_of(&drawn);
         let kind = match drawn.are_labels {
             true => LayerKind::Labels,
             false => LayerKind::Map,
@@ -78,11 +80,6 @@ impl Cases {
             _ => BTreeMap::new(),
         };
         labels.extend(new.parameters.labels);
-        let surface = SurfaceFacts {
-            vertices: drawn.vertices,
-            triangles: drawn.triangles,
-            thickness_mm: drawn.thickness_mm,
-        };
         Ok(ReceivedLayer {
             case: new.case,
             volume: VolumeFiles::One(volume),

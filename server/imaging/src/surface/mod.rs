@@ -9,6 +9,7 @@
 mod freesurfer;
 mod gifti;
 mod sheet;
+mod subject;
 
 use std::collections::BTreeMap;
 
@@ -19,6 +20,10 @@ use serde::{Deserialize, Serialize};
 use crate::{ImagingError, Limits, nifti};
 
 pub use sheet::{HALF_THICKNESS_MM, Sheet, sheet};
+pub use subject::{
+    MAX_SUBJECT_LAYERS, ReadFile, Subject, SubjectError, SubjectLayer, subject, subject_files,
+    subject_folder,
+};
 
 /// The most vertices of a surface. A hemisphere has 150,000 at 1 mm.
 pub const MAX_VERTICES: usize = 1_000_000;
@@ -39,7 +44,7 @@ pub enum SurfaceError {
     Damaged { part: &'static str, what: String },
     #[error("the {part} has {what}, which is not supported; convert it, for example with nibabel")]
     Unsupported { part: &'static str, what: String },
-    #[error("the surface has {count} {what}; at most {most} are accepted")]
+    #[error("there are {count} {what}; at most {most} are accepted")]
     TooMany {
         what: &'static str,
         count: u64,

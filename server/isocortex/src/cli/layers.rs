@@ -6,9 +6,10 @@ use bytes::Bytes;
 use case::series::Uid;
 use case::{CaseId, CaseState, Contrast, Layer, LayerKind, LayerParameters, QualityState};
 use cases::dicom::{DicomReader, Input, Options, Program, Purpose};
-use cases::layers::parameters_of;
+use cases::layers::{parameters_of, upload_of_subject};
 use clap::Args;
 use imaging::sniff;
+use imaging::surface::SubjectLayer;
 use pipeline::Limits;
 use pipeline::layers::{LayerSource, check_layer};
 use storage::{LayerName, LayerUpload, Store};
@@ -162,6 +163,28 @@ pub(super) async fn add_layer(
 ) -> Result<Layer, CliError> {
     let added = add(store, case, layer).await?;
     wait(store, added).await
+}
+
+/// Adds the layers of a FreeSurfer subject to its case and waits for them.
+///
+/// # Errors
+/// If one cannot be prepared.
+pub(super) async fn add_subject(
+    store: &Store,
+    case: &CaseId,
+    layers: Vec<(Bytes, SubjectLayer)>,
+) -> Result<(), CliError> {
+    for (file, layer) in layers {
+        let volume = store.spools().of(file).await?;
+        let upload = upload_of_subject(*case, volume, layer)?;
+        let added = store.submit_layer(upload).await?;
+        let name = added.layer.name.clone();
+        let ready = wait(store, added.layer).await.map_err(|error| {
+            CliError::new(error.status, format!("layer {name}: {}", error.message))
+        })?;
+        tell(&ready);
+    }
+    Ok(())
 }
 
 async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, CliError> {

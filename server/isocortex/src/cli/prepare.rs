@@ -3,19 +3,21 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use bytes::Bytes;
 use clap::Args;
 use imaging::sniff;
+use imaging::surface::SubjectLayer;
 
 use super::common::{StoreArgs, set_some};
-use super::layers::{LayerFile, LayerOptions, add_layers};
+use super::layers::{LayerFile, LayerOptions, add_layers, add_subject};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::voxels::write_voxels;
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
 use crate::start::StartError;
 use case::images::Image;
-use case::{CaseId, CaseState, Parameters, Progress};
-use cases::dicom::{Choice, DicomReader, Input, Options, Program};
+use case::{CaseId, CaseState, MaskSource, Parameters, Progress};
+use cases::dicom::{Choice, DicomReader, Input, Options, Program, SubjectReading};
 use cases::jobs::start_workers;
 use cases::settings::MapsUse;
 use cases::{Library, open_library};
@@ -28,7 +30,8 @@ pub(super) const GRACE: Duration = Duration::from_secs(5);
 /// Prepare a volume into the store, and print the id of its case
 #[derive(Debug, Args)]
 pub(super) struct PrepareArgs {
-    /// An MR volume: NIfTI or MGH, gzipped or not; or DICOM: a folder, a zip, or one file.
+    /// An MR volume: NIfTI or MGH, gzipped or not; DICOM: a folder, a zip, or one file; or the folder of a FreeSurfer or FastSurfer subject, or a
+    /// zip of it, whose surfaces and regions become layers.
     volume: PathBuf,
     #[command(flatten)]
     options: VolumeOptions,
@@ -51,8 +54,8 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     config.storage.create = true;
     config.prepares_apart = true;
     set_some(&mut config.prepare.network, args.options.network.as_ref());
-    let (source, images) = super::block_on(source(&args.volume, &args.options))?;
-    if config.pacs.deidentify && source.dicom.is_some() {
+    let input = super::block_on(source(&args.volume, &args.options))?;
+    if config.pacs.deidentify && input.source.dicom.is_some() {
         let why = "`pacs.deidentify` is set, and `prepare` keeps what DICOM files state of the patient; upload them to the server";
         return Err(CliError::new(ExitStatus::Config, why));
     }
@@ -65,7 +68,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::block_on(async {
         let library = open_library(&options).await.map_err(StartError::from)?;
         let store = library.store().clone();
-        let id = into_store(library, source, images, parameters, layers).await?;
+        let id = into_store(library, input, parameters, layers).await?;
         if let Some(folder) = &args.nifti {
             write_voxels(store, &id, folder).await?;
         }
@@ -74,11 +77,18 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     })
 }
 
-/// Reads the files of an input, and which images it is made of. DICOM files, recognised by content, become a volume.
-pub(super) async fn source(
-    volume: &Path,
-    options: &VolumeOptions,
-) -> Result<(Source, Vec<Image>), CliError> {
+/// What is read of an input.
+#[derive(Default)]
+pub(super) struct Read {
+    pub(super) source: Source,
+    /// The images that it is made of.
+    images: Vec<Image>,
+    /// The layers of a subject, each with its file.
+    layers: Vec<(Bytes, SubjectLayer)>,
+}
+
+/// Reads the files of an input. DICOM files, recognised by content, become a volume; the folder of a subject, a volume with layers.
+pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Read, CliError> {
     let read = |path: &Path| {
         let bytes = read_input(path)?;
         Ok::<_, CliError>(match options.affine {
@@ -93,7 +103,10 @@ pub(super) async fn source(
             mask,
             ..Source::default()
         };
-        return Ok((source, Vec::new()));
+        return Ok(Read {
+            source,
+            ..Read::default()
+        });
     }
     let chosen = Options {
         series: options.series.clone(),
@@ -102,6 +115,10 @@ pub(super) async fn source(
     };
     let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
     let scratch = std::env::temp_dir();
+    if let Some(subject) = reader.read_subject(Input::Path(volume), &scratch).await? {
+        let takes_mask = mask.is_none() && options.mask_source == MaskSource::default();
+        return of_subject(subject, mask, takes_mask).await;
+    }
     let reading = reader.read(Input::Path(volume), &chosen, &scratch).await?;
     tell(&reading.choice);
     let source = Source {
@@ -110,7 +127,38 @@ pub(super) async fn source(
         dicom: Some(reading.attributes),
         ..Source::default()
     };
-    Ok((source, reading.images))
+    Ok(Read {
+        source,
+        images: reading.images,
+        layers: Vec::new(),
+    })
+}
+
+/// The files of a subject in memory, with its brain as the mask if there is no other.
+async fn of_subject(
+    subject: SubjectReading,
+    mask: Option<Bytes>,
+    takes_mask: bool,
+) -> Result<Read, CliError> {
+    let bytes = async |file| SubjectReading::bytes(file).await.map_err(internal);
+    let mask = match subject.mask().filter(|_| takes_mask) {
+        Some(own) => Some(bytes(own).await?),
+        None => mask,
+    };
+    let mut layers = Vec::new();
+    for (number, layer) in subject.layers.iter().enumerate() {
+        layers.push((bytes(subject.layer(number)).await?, layer.clone()));
+    }
+    let source = Source {
+        volume: bytes(subject.volume()).await?,
+        mask,
+        ..Source::default()
+    };
+    Ok(Read {
+        source,
+        layers,
+        ..Read::default()
+    })
 }
 
 fn internal(error: std::io::Error) -> CliError {
@@ -163,17 +211,19 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 
 async fn into_store(
     library: Library,
-    source: Source,
-    images: Vec<Image>,
+    input: Read,
     parameters: Parameters,
     layers: Vec<LayerFile>,
 ) -> Result<CaseId, CliError> {
     let store = library.store().clone();
     let workers = start_workers(library.clone(), 1);
-    let submitted = library.submit_of(source, images, parameters).await?;
+    let submitted = library
+        .submit_of(input.source, input.images, parameters)
+        .await?;
     let id = submitted.case.id;
     let prepare = async {
         wait_until_ready(&store, &id).await?;
+        add_subject(&store, &id, input.layers).await?;
         add_layers(&store, &id, layers).await
     };
     let prepared = prepare.await;

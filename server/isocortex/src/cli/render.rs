@@ -181,7 +181,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 
 /// The case of a volume, in a store in memory.
 async fn prepared(args: &RenderArgs, config: &Config) -> Result<(Store, CaseId), CliError> {
-    let (source, _) = source(&args.input, &args.options).await?;
+    let source = source(&args.input, &args.options).await?.source;
     let parameters = args.options.parameters(None)?;
     let store = Store::in_memory(storage::Options::default()).await?;
     let pipeline = args.options.pipeline(config)?;

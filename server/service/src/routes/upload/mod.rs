@@ -7,8 +7,9 @@ mod parts;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
-use cases::Cases;
+use case::MaskSource;
 use cases::dicom::Choice;
+use cases::{Cases, VolumeFiles};
 use storage::Submitted;
 use utoipa::ToSchema;
 
@@ -25,11 +26,12 @@ pub(super) use self::parts::Incoming;
 #[derive(Debug, ToSchema)]
 #[expect(dead_code, reason = "describes the form; parts are read one by one")]
 pub struct UploadForm {
-    /// The MR volume: NIfTI or MGH, gzipped or not; or a zip of DICOM files, or one (multi-frame) DICOM
-    /// file.
+    /// The MR volume: NIfTI or MGH, gzipped or not; a zip of DICOM files, or one (multi-frame) DICOM file; or a zip of the folder of a
+    /// FreeSurfer or FastSurfer subject, whose brain becomes the mask, and whose surfaces and regions become layers.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
     volume: Option<String>,
-    /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
+    /// DICOM files of a series, one per part, or zips of them, instead of `volume`; or the files of a FreeSurfer or FastSurfer subject, each with its
+    /// path below the folder as the file name, such as `mri/T1.mgz`. No other file name is looked at.
     #[schema(format = Binary, content_media_type = "application/dicom")]
     dicom: Option<Vec<String>>,
     /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
@@ -74,9 +76,22 @@ pub async fn create_case(
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads).await?;
-    let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
+    let Form {
+        mut volume,
+        mut mask,
+        sent,
+    } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.
     sent.parameters.check()?;
+    let mut layers = Vec::new();
+    if let Some(subject) = cases.subject(&volume).await? {
+        volume = VolumeFiles::One(subject.volume);
+        // A mask that was sent, or a method, counts more.
+        if sent.parameters.mask == MaskSource::default() {
+            mask = mask.or(subject.mask);
+        }
+        layers = subject.layers;
+    }
     let (upload, choice) = cases.upload(volume, mask, &sent.options).await?;
     let of_dicom = sent.options.series.is_some() || sent.options.allow_gaps;
     if choice.is_none() && of_dicom {
@@ -86,6 +101,7 @@ pub async fn create_case(
         return Err(not_of_dicom());
     }
     let accepted = cases.submit(upload, sent.parameters, sent.renames).await?;
+    cases.add_subject(&accepted.case.id, layers).await?;
     Ok(submitted(accepted, choice))
 }
 

@@ -5,8 +5,10 @@ use std::time::{Duration, Instant};
 use axum::extract::multipart::{Field, MultipartError};
 use axum::http::StatusCode;
 use bytes::Bytes;
+use cases::dicom::flat_name;
 use cases::ready::check_before_upload;
 use futures_util::{Stream, StreamExt as _};
+use imaging::surface::subject_files;
 use storage::{Spooled, Store, StoreError};
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
@@ -150,7 +152,7 @@ impl<'a> Incoming<'a> {
     }
 }
 
-/// DICOM files, one after the other, under numbers for names.
+/// DICOM files, one after the other, under numbers for names; or the files of a subject, under their own.
 #[derive(Default)]
 pub(super) struct DicomParts {
     directory: Option<TempDir>,
@@ -175,7 +177,15 @@ impl DicomParts {
             Some(directory) => directory,
             empty => empty.insert(incoming.store.spools().directory().await?),
         };
-        let path = directory.path().join(self.count.to_string());
+        let of_subject = field.file_name().and_then(|sent| {
+            let mut known = subject_files();
+            known.find(|name| name == sent)
+        });
+        // What is sent twice is no part of a subject.
+        let is_new = |name: &String| !directory.path().join(name).exists();
+        let of_subject = of_subject.map(|name| flat_name(&name)).filter(is_new);
+        let name = of_subject.unwrap_or_else(|| self.count.to_string());
+        let path = directory.path().join(name);
         self.count += 1;
         let disk = |error| AppError::from(StoreError::Disk(error));
         let file = tokio::fs::File::create_new(path).await.map_err(disk)?;
