@@ -17,6 +17,7 @@ mod limit;
 pub mod models;
 mod patient;
 pub mod pictures;
+pub mod preferences;
 pub mod profile;
 pub mod readings;
 pub mod ready;
