@@ -202,3 +202,58 @@ test("two readers sign, each without seeing the other’s conclusion before, and
     await context.close();
   }
 });
+
+test("what somebody has saved is theirs in every browser, and nobody else's", { skip }, async () => {
+  const openAs = async (reader: string) => {
+    person = reader;
+    const opened = await openPage(browser, { locale: "en-GB" });
+    const followed = opened.page.waitForResponse((answer) => answer.url().endsWith("/v1/preferences"));
+    await opened.page.goto(`${address}#${id}&r=mesh&d=12&l=slices`);
+    await shown(opened.page);
+    await followed;
+    return opened;
+  };
+  const layouts = (page: Page): Promise<string[]> => page.locator(".saved-layouts button[dir]").allTextContents();
+  const first = await openAs("ana");
+  const section = (page: Page) => page.locator(".group", { hasText: "Saved layouts" });
+  await section(first.page).locator("summary").click();
+  await first.page.locator("#layout-name").fill("Slices at 12");
+  await first.page.getByRole("button", { name: "Save what is shown" }).click();
+  await first.page.getByText("kept on the server for you").waitFor();
+  const kept = first.page.waitForResponse((answer) => answer.request().method() === "PUT" && answer.ok());
+  await first.page.getByRole("button", { name: "Use as my steps" }).click();
+  await kept;
+  await until(
+    async () => (await (await fetch(new URL("v1/preferences", address))).json()) as Record<string, unknown>,
+    ({ layouts: saved, steps, choices }) =>
+      (saved as unknown[] | undefined)?.length === 1 &&
+      (steps as unknown[] | undefined)?.length === 1 &&
+      (choices as { protocol?: string } | undefined)?.protocol === "own",
+  );
+  await keep(first.page, "layouts-named");
+  assert.deepEqual(await violations(first.page), []);
+  const download = first.page.waitForEvent("download");
+  await first.page
+    .locator(".group", { hasText: "Saved layouts" })
+    .getByRole("button", { name: "Save as a file" })
+    .click();
+  const file = await (await download).path();
+
+  // The same person in another browser.
+  const second = await openAs("ana");
+  assert.deepEqual(await layouts(second.page), ["Slices at 12"]);
+  assert.deepEqual(await second.page.locator(".steps button").allTextContents(), ["Slices at 12"]);
+
+  const other = await openAs("ben");
+  assert.deepEqual(await layouts(other.page), []);
+  await section(other.page).locator("summary").click();
+  await other.page.locator("#layouts-file").setInputFiles(file);
+  await other.page.getByText("Layouts of the file: 1").waitFor();
+  assert.deepEqual(await layouts(other.page), ["Slices at 12"]);
+  await other.page.evaluate(() => (document.documentElement.dataset["theme"] = "light"));
+  await keep(other.page, "layouts-named-light");
+  for (const { context, troubles } of [first, second, other]) {
+    assert.deepEqual(troubles, []);
+    await context.close();
+  }
+});

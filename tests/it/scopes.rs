@@ -17,7 +17,7 @@ use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
 /// The scope of every route that is more than looking. A new route fails these tests until it states its scope, and stands here.
-const MORE_THAN_LOOKING: [(&str, &str); 22] = [
+const MORE_THAN_LOOKING: [(&str, &str); 24] = [
     ("POST /v1/cases", "write"),
     ("POST /v1/cases/search", "read"),
     ("PATCH /v1/cases/{id}", "write"),
@@ -38,6 +38,8 @@ const MORE_THAN_LOOKING: [(&str, &str); 22] = [
     ("POST /v1/retrievals", "write"),
     ("POST /v1/cases/{id}/dicom-results", "results"),
     ("POST /v1/launch", "read"),
+    ("PUT /v1/preferences", "read"),
+    ("DELETE /v1/preferences", "read"),
     ("POST /v1/pacs/nodes/{name}/test", "admin"),
     ("DELETE /v1/rejections/{id}", "admin"),
 ];

@@ -8,6 +8,7 @@ import { doubtsOf } from "../src/model/quality.ts";
 import { pathOf, reachOfChart, ticks } from "../src/page/chart.tsx";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
 import { isOfOther } from "../src/page/findings-files.tsx";
+import { parsed } from "../src/model/text.ts";
 import { readPreferences } from "../src/store/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
 import { ofSubject, partName, sortFiles, uploadName } from "../src/page/upload-files.ts";
@@ -267,8 +268,8 @@ test("preferences that are damaged are as at first", () => {
     "7",
     '{"theme":"pink","language":"xx","wheel":3,"unfolded":1,"protocol":"toString"}',
   ])
-    assert.deepEqual(readPreferences(text, ["en"]), first, text);
-  assert.equal(readPreferences('{"theme":"light"}', ["en"]).theme, "light");
+    assert.deepEqual(readPreferences(parsed(text), ["en"]), first, text);
+  assert.equal(readPreferences({ theme: "light" }, ["en"]).theme, "light");
 });
 
 test("a chart's ticks are round, and a curve is interrupted where it has no value", () => {

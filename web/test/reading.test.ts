@@ -8,6 +8,7 @@ import { Checklist, bandOf, looksOf } from "../src/model/checklist.ts";
 import { commandOf, recallOf } from "../src/model/keys.ts";
 import { firstOverlay } from "../src/model/maps.ts";
 import { type Layer, overlayOf } from "../src/model/layers.ts";
+import { parsed } from "../src/model/text.ts";
 import { boundName, missingOf, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
 import {
   type Place,
@@ -85,7 +86,7 @@ test("a saved layout brings back panes, depth, map and view, and holds nothing o
     crosshair_mm: [1.234, 5.678, 9.1],
     layer: { id: "fedcba9876543210fedcba9876543210" },
   };
-  const [saved] = readLayouts(JSON.stringify([savedAs(" mine ", state)]));
+  const [saved] = readLayouts(JSON.parse(JSON.stringify([savedAs(" mine ", state)])));
   assert.ok(saved);
   assert.equal(saved.name, "mine");
   assert.doesNotMatch(JSON.stringify(saved), /1\.234|fedcba|A case|01234567/);
@@ -100,11 +101,10 @@ test("a saved layout brings back panes, depth, map and view, and holds nothing o
 
 test("stored layouts that are damaged are left out, and names are one plain line", () => {
   for (const text of [null, "", "null", "{}", "[1, null, {}]", '[{"name": "a", "layout": "none", "depth_mm": 1}]', "["])
-    assert.deepEqual(readLayouts(text), []);
-  const nan = '[{"name": "a", "layout": "both", "depth_mm": null}]';
-  assert.deepEqual(readLayouts(nan), []);
+    assert.deepEqual(readLayouts(parsed(text)), []);
+  assert.deepEqual(readLayouts([{ name: "a", layout: "both", depth_mm: null }]), []);
   const many = Array.from({ length: 20 }, (_, at) => savedAs(`n${at}`, first));
-  assert.equal(readLayouts(JSON.stringify(many)).length, 9);
+  assert.equal(readLayouts(JSON.parse(JSON.stringify(many))).length, 9);
   assert.equal(boundName(`\u202egnp.\u0007<b>\n${"x".repeat(60)}`), `gnp. <b> ${"x".repeat(31)}`);
 });
 
@@ -113,7 +113,7 @@ test("a saved layout has its surface and the inner sides of the map; one of befo
   const back = recalled(saved, first, SHOWN);
   assert.deepEqual([back.surface, back.map], ["left", { ...first.map, has_inner: true }]);
   const { surface, has_inner, ...before } = saved;
-  const [read] = readLayouts(JSON.stringify([before]));
+  const [read] = readLayouts(JSON.parse(JSON.stringify([before])));
   assert.deepEqual([read?.surface, read?.has_inner, surface, has_inner], ["whole", false, "left", true]);
 });
 
@@ -137,7 +137,7 @@ test("a saved layout keeps what panes show by its kind, which another case has u
       map: shows("3"),
     },
   };
-  const [saved] = readLayouts(JSON.stringify([savedAs("sequences", state, layers)]));
+  const [saved] = readLayouts(JSON.parse(JSON.stringify([savedAs("sequences", state, layers)])));
   assert.ok(saved);
   // What no other case can have is one patient's.
   assert.deepEqual(saved.series, {
@@ -163,7 +163,7 @@ test("a saved layout keeps what panes show by its kind, which another case has u
   // A layout of before has none, nor has a damaged one.
   const { series: _, plane: __, ...before } = saved;
   const damaged = { ...before, series: { "slice-1": "layer:<b>", "slice-2": 3, nowhere: "own" }, plane: "oblique" };
-  for (const read of readLayouts(JSON.stringify([before, damaged])))
+  for (const read of readLayouts(JSON.parse(JSON.stringify([before, damaged]))))
     assert.deepEqual([read.series, read.plane], [{}, null]);
 });
 

@@ -19,6 +19,7 @@ pub mod models;
 pub mod nifti;
 mod patient;
 pub mod pictures;
+pub mod preferences;
 pub mod profile;
 pub mod readings;
 pub mod ready;

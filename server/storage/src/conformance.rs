@@ -3,6 +3,7 @@
 mod findings;
 mod layers;
 mod objects;
+mod preferences;
 mod readings;
 mod series;
 mod worklist;
@@ -17,6 +18,7 @@ use case::{
 
 pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
+pub(crate) use self::preferences::*;
 pub(crate) use self::readings::*;
 pub(crate) use self::series::*;
 pub(crate) use self::worklist::*;
@@ -139,6 +141,7 @@ macro_rules! conformance {
                 a_reading_is_changed_until_it_is_signed_and_corrected_by_its_next_version
                 readings_belong_to_their_readers_and_go_with_their_case
                 a_damaged_reading_is_never_shown
+                preferences_are_of_one_user_and_replaced_by_whoever_knows_them
             }
     };
     (@in_turn $make:expr; $($check:ident)+) => {{

@@ -33,7 +33,7 @@ import {
 } from "./state.ts";
 import { PLANE_NAMES, type Plane } from "./space.ts";
 import { SURFACES, type SurfaceName } from "./surfaces.ts";
-import { parsed, plainLine } from "./text.ts";
+import { plainLine } from "./text.ts";
 
 /** As many as there are keys. */
 export const MOST_LAYOUTS = 9;
@@ -170,9 +170,8 @@ export function recalled(
   };
 }
 
-/** The stored text as layouts; what is not understood is left out. */
-export function readLayouts(text: string | null): readonly SavedLayout[] {
-  const stored = parsed(text);
+/** What is stored as layouts; what is not understood is left out. */
+export function readLayouts(stored: unknown): readonly SavedLayout[] {
   return (Array.isArray(stored) ? stored : []).flatMap((one: unknown) => readLayout(one) ?? []).slice(0, MOST_LAYOUTS);
 }
 

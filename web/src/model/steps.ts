@@ -49,6 +49,7 @@ export const PROTOCOLS = {
   mirrored: [mirror(), MAP, ...LAST],
   depths: [...[6, 10, 15, 20].map(mirror), ...INNER, ...LAST],
 } as const satisfies Readonly<Record<string, readonly Step[]>>;
-export type Protocol = keyof typeof PROTOCOLS;
+/** One of those that ship, or one's own. */
+export type Protocol = keyof typeof PROTOCOLS | "own";
 export const isProtocol = (name: unknown): name is Protocol =>
-  typeof name === "string" && Object.hasOwn(PROTOCOLS, name);
+  name === "own" || (typeof name === "string" && Object.hasOwn(PROTOCOLS, name));

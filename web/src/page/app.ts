@@ -17,6 +17,7 @@ import { announce, announced, noted } from "../store/announce.ts";
 import { Cases } from "../store/cases.ts";
 import { perform } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
+import { followPerson, isKept } from "../store/person.ts";
 import { choose, preferences, unfold } from "../store/preferences.ts";
 import { askDropped, confirmDelete, helpDialog } from "./dialogs.tsx";
 import { Upload } from "./upload.tsx";
@@ -72,7 +73,7 @@ export class App {
       document.title = this.chosen.value ? `${caseIdentity(this.chosen.value)} · Isocortex` : "Isocortex";
     });
     effect(() => {
-      if (preferences.value.language !== spoken()) untracked(() => this.#beginAgain());
+      if (preferences.value.language !== spoken()) untracked(() => void this.#beginAgain());
     });
     effect(() => {
       const address = listAddress(this.cases.filter.value);
@@ -87,7 +88,9 @@ export class App {
       if (this.cases.total.value >= 0 && !this.hasArrivals.peek()) void this.#lookForArrivals();
     });
     // Whoever may not look at anything may not ask either.
-    if (parent === window) holder.value = await getHolder().catch(() => null);
+    if (parent !== window) return;
+    holder.value = await getHolder().catch(() => null);
+    await followPerson();
   }
 
   async #lookForArrivals(): Promise<void> {
@@ -95,11 +98,12 @@ export class App {
   }
 
   /** Loads the page in another language; all that is shown is in the address. */
-  #beginAgain(): void {
+  async #beginAgain(): Promise<void> {
     const store = this.viewer.peek()?.store;
     store?.sweep.stop();
     store?.view.rest();
     handOver();
+    await isKept();
     location.reload();
   }
 

@@ -5,9 +5,8 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { BANDS_MM, Checklist, LOBES, LOOKS, type LobeSide, type Look } from "../model/checklist.ts";
-import { PROTOCOLS, isProtocol } from "../model/steps.ts";
-import { choose, preferences } from "../store/preferences.ts";
-import { canShow, stepOnScreen, stepWords, stepsNow, takeStep } from "../store/steps.ts";
+import { choose } from "../store/preferences.ts";
+import { canShow, protocolNow, protocols, stepOnScreen, stepWords, stepsNow, takeStep } from "../store/steps.ts";
 import type { Store } from "../store/store.ts";
 import { Button, ChoiceLine, type OfStore, Quiet, Row, Section } from "./fields.tsx";
 
@@ -74,8 +73,8 @@ export function ChecklistSection({ store }: OfStore) {
       <ChoiceLine
         id="protocol"
         label={t("step.protocol")}
-        values={Object.keys(PROTOCOLS).filter(isProtocol)}
-        value={preferences.value.protocol}
+        values={protocols()}
+        value={protocolNow()}
         words={(one) => t(`protocol.${one}`)}
         onChoose={(protocol) => choose({ protocol })}
       />

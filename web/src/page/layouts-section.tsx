@@ -1,11 +1,21 @@
-// The section of the panel with the layouts that a reader has saved, in this browser.
+// The section of the panel with the layouts that a reader has saved.
 
 import { useRef, useState } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { LONGEST_NAME } from "../model/saved-layouts.ts";
-import { recallLayout, removeLayout, saveLayout, savedLayouts } from "../store/saved-layouts.ts";
-import { Button, IconButton, type OfStore, Quiet, Row, Section, Status } from "./fields.tsx";
+import { isNamed } from "../store/holder.ts";
+import {
+  addLayouts,
+  layoutsFile,
+  makeSteps,
+  recallLayout,
+  removeLayout,
+  saveLayout,
+  savedLayouts,
+} from "../store/saved-layouts.ts";
+import { Button, FileInput, IconButton, type OfStore, Quiet, Row, Section, Status } from "./fields.tsx";
+import { saveFile } from "./picture-file.ts";
 
 export function LayoutsSection({ store }: OfStore) {
   const name = useRef<HTMLInputElement>(null);
@@ -49,8 +59,18 @@ export function LayoutsSection({ store }: OfStore) {
         />
         <Button onClick={save}>{t("layouts.save")}</Button>
       </Row>
+      <Row>
+        {layouts.length > 0 && <Button onClick={() => say(makeSteps())}>{t("layouts.make-steps")}</Button>}
+        <Button onClick={() => saveFile(layoutsFile(), "isocortex-layouts.json")}>{t("layouts.file")}</Button>
+        <FileInput
+          id="layouts-file"
+          words={t("layouts.add")}
+          accept=".json"
+          onFiles={([file]) => void file?.text().then((text) => say(addLayouts(text)))}
+        />
+      </Row>
       <Status words={said} />
-      <Quiet>{t("layouts.about")}</Quiet>
+      <Quiet>{t(isNamed.value ? "layouts.about-named" : "layouts.about")}</Quiet>
       <p class="quiet keys">{t("layouts.keys")}</p>
     </Section>
   );

@@ -45,10 +45,13 @@ const KEY = "isocortex";
 /** Sections that were two until they became the one list. */
 const renamed = (one: string): string => (/^panel\.(maps|findings)$/.test(one) ? "panel.list" : one);
 
-/** The stored text as preferences; whatever is not understood is as at first. */
-export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
-  // Another program's text, or a damaged one, says nothing.
-  const stored = (parsed(text) ?? {}) as Partial<Record<keyof Preferences, unknown>>;
+/** What is stored as preferences; whatever is not understood is as at first. */
+export function readPreferences(
+  kept: unknown,
+  preferred: readonly string[] = globalThis.navigator?.languages ?? [],
+): Preferences {
+  // What another program has stored, or what is damaged, says nothing.
+  const stored = (kept ?? {}) as Partial<Record<keyof Preferences, unknown>>;
   return {
     language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
     theme: THEMES.find((one) => one === stored.theme) ?? "dark",
@@ -68,9 +71,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
   };
 }
 
-export const preferences = signal(
-  readPreferences(keptText("localStorage", KEY), globalThis.navigator?.languages ?? []),
-);
+export const preferences = signal(readPreferences(parsed(keptText("localStorage", KEY))));
 
 /** Takes a preference over; in a frame beside another case it is one of the frame alone. */
 export function choose(change: Partial<Preferences>): void {

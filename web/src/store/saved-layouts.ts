@@ -1,4 +1,4 @@
-// The layouts that a reader has saved, in this browser.
+// The layouts that a reader has saved, and the steps that were made of some: in this browser, and on the server for a named user.
 
 import { signal } from "@preact/signals";
 
@@ -13,26 +13,33 @@ import {
   recalled,
   savedAs,
 } from "../model/saved-layouts.ts";
+import { parsed } from "../model/text.ts";
 import { announce, note } from "./announce.ts";
+import { choose } from "./preferences.ts";
 import type { Store } from "./store.ts";
 
-const KEY = "isocortex-layouts";
-
-const stored = (): readonly SavedLayout[] => readLayouts(keptText("localStorage", KEY));
-
-export const savedLayouts = signal(stored());
-
-// Another window has saved one.
-globalThis.addEventListener?.("storage", ({ key }: StorageEvent) => {
-  if (key === KEY) savedLayouts.value = stored();
-});
-
-const layersOf = ({ caseLayers }: Store) => caseLayers.list.peek()?.layers ?? [];
-
-function take(layouts: readonly SavedLayout[]): void {
-  savedLayouts.value = layouts;
-  keep("localStorage", KEY, layouts);
+/** Layouts that the browser keeps. */
+function kept(name: string) {
+  const stored = (): readonly SavedLayout[] => readLayouts(parsed(keptText("localStorage", name)));
+  const layouts = signal(stored());
+  // Another window has saved one.
+  globalThis.addEventListener?.("storage", ({ key }: StorageEvent) => {
+    if (key === name) layouts.value = stored();
+  });
+  return {
+    layouts,
+    take(now: readonly SavedLayout[]): void {
+      layouts.value = now;
+      keep("localStorage", name, now);
+    },
+  };
 }
+
+export const { layouts: savedLayouts, take: takeLayouts } = kept("isocortex-layouts");
+/** One's own steps of a reading. */
+export const { layouts: ownSteps, take: takeSteps } = kept("isocortex-steps");
+
+export const layersOf = ({ caseLayers }: Store) => caseLayers.list.peek()?.layers ?? [];
 
 /** Shows the layout of a number from 1. */
 export function recallLayout(store: Store, at: number): void {
@@ -60,8 +67,34 @@ export function saveLayout(store: Store, typed: string): string {
   if (before < 0 && layouts.length >= MOST_LAYOUTS) return t("layouts.full");
   const saved = savedAs(name, store.view.now, layersOf(store));
   // Of the same name, in the same place.
-  take(before < 0 ? [...layouts, saved] : layouts.with(before, saved));
+  takeLayouts(before < 0 ? [...layouts, saved] : layouts.with(before, saved));
   return t("layouts.saved", { name });
 }
 
-export const removeLayout = (at: number): void => take(savedLayouts.peek().toSpliced(at, 1));
+export const removeLayout = (at: number): void => takeLayouts(savedLayouts.peek().toSpliced(at, 1));
+
+/** Makes the saved layouts one's own steps; a close-up needs a mark, and is none. */
+export function makeSteps(): string {
+  takeSteps(savedLayouts.peek().filter(({ layout }) => layout !== "closer"));
+  choose({ protocol: "own" });
+  return t("layouts.steps-made", { count: number(ownSteps.peek().length) });
+}
+
+/** Layouts and steps as a file for others. */
+export const layoutsFile = (): Blob =>
+  new Blob([JSON.stringify({ layouts: savedLayouts.peek(), steps: ownSteps.peek() }, null, 2)], {
+    type: "application/json",
+  });
+
+/** Adds the layouts of such a file, and takes its steps over; what there is to say about it. */
+export function addLayouts(text: string): string {
+  const file = parsed(text) as { readonly layouts?: unknown; readonly steps?: unknown } | null;
+  const [given, steps] = [readLayouts(file?.layouts), readLayouts(file?.steps)];
+  if (given.length + steps.length === 0) return t("layouts.unreadable");
+  const names = new Set(given.map(({ name }) => name));
+  const all = [...savedLayouts.peek().filter(({ name }) => !names.has(name)), ...given];
+  if (all.length > MOST_LAYOUTS) return t("layouts.full");
+  takeLayouts(all);
+  if (steps.length > 0) takeSteps(steps);
+  return t("layouts.added", { count: number(given.length) });
+}

@@ -4,18 +4,31 @@ import { number, t } from "../base/i18n.ts";
 import { viewName } from "../model/camera.ts";
 import { isReady } from "../model/layers.ts";
 import { recalled } from "../model/saved-layouts.ts";
-import { PROTOCOLS, type Step } from "../model/steps.ts";
+import { PROTOCOLS, type Protocol, type Step, isProtocol } from "../model/steps.ts";
 import { clampDepth } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
 import { note } from "./announce.ts";
 import { goToRow } from "./bring.ts";
 import { preferences, unfold } from "./preferences.ts";
+import { layersOf, ownSteps } from "./saved-layouts.ts";
 import type { Store } from "./store.ts";
 
-/** The steps of the protocol that is chosen. */
-export const stepsNow = (): readonly Step[] => PROTOCOLS[preferences.value.protocol];
+/** The protocols to choose from; one's own once it has steps. */
+export const protocols = (): readonly Protocol[] =>
+  [...Object.keys(PROTOCOLS), ...(ownSteps.value.length > 0 ? ["own"] : [])].filter(isProtocol);
 
-export function stepWords({ shows, layout, surface = "whole", view, depth_mm = 0 }: Step): string {
+/** The protocol that is chosen. */
+export const protocolNow = (): Protocol => protocols().find((one) => one === preferences.value.protocol) ?? "complete";
+
+/** Its steps. */
+export function stepsNow(): readonly Step[] {
+  const protocol = protocolNow();
+  return protocol === "own" ? ownSteps.value : PROTOCOLS[protocol];
+}
+
+export function stepWords({ shows, layout, surface = "whole", view, depth_mm = 0, name, series }: Step): string {
+  // One's own has the name that was typed.
+  if (series) return name;
   if (shows) return t(`step.${shows}`);
   const seen = isHalf(surface) ? `${t(`surface.${surface}`)} · ${t("surface.inner")}` : t(`view.${view ?? "oblique"}`);
   return `${layout === "map" || layout === "mirror" ? t(`layout.${layout}`) : seen} · ${number(depth_mm)} mm`;
@@ -66,7 +79,12 @@ export async function takeStep(store: Store, step: Step, skipped = ""): Promise<
   store.step.value = name;
   store.large.value = null;
   // The mark stays, and turns no step.
-  const change = recalled({ series: {}, plane: null, ...step }, { ...view.now, crosshair_mm: null }, shown);
+  const change = recalled(
+    { series: {}, plane: null, ...step },
+    { ...view.now, crosshair_mm: null },
+    shown,
+    layersOf(store),
+  );
   const texture = layers.asGrey(shows === "flair" ? flairOf(store) : null);
   store.change({ beside: null, swipe: null, zoom: 1, pan_mm: [0, 0], ...texture, ...change }, true);
   store.looks.value += 1;

@@ -15,6 +15,7 @@ pub mod layers;
 pub mod masks;
 pub mod mesh;
 pub mod nifti;
+pub mod preferences;
 pub mod readings;
 pub mod registration;
 pub mod render;
@@ -186,6 +187,26 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
                 // What identifies a patient is in its body, not in an address. Its answer says whether it shows patients.
                 .with(Scope::Read, Audited::Query, routes!(search::search_cases))
                 .map(|routes| routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES))),
+        )
+        .and(
+            GuardedRoutes::default()
+                // They are nothing of a case: whoever may look has some.
+                .with(
+                    Scope::Read,
+                    Audited::No,
+                    routes!(preferences::get_preferences),
+                )
+                .with(
+                    Scope::Read,
+                    Audited::Change,
+                    routes!(preferences::put_preferences),
+                )
+                .with(
+                    Scope::Read,
+                    Audited::Change,
+                    routes!(preferences::delete_preferences),
+                )
+                .map(|routes| routes.layer(DefaultBodyLimit::max(::cases::preferences::MAX_BYTES))),
         )
         .map(|routes| {
             let limit = AnswerTimeout::from_ref(state);

@@ -308,12 +308,12 @@ pub async fn sign_own_reading(
     answer(cases.sign_reading(&id, reader, &known).await)
 }
 
-/// The name of whoever asks, who answers for a reading with it.
+/// The name of whoever asks, who answers for a reading with it, and whose preferences are kept.
 pub(super) fn named(holder: &Holder) -> Result<&str, AppError> {
     match holder.is_named() {
         true => Ok(&holder.name),
         false => Err(unnamed(
-            "a reading is kept and signed by a named reader; sign in by a proxy, or use a token with a name",
+            "a reading and preferences are kept for somebody with a name; sign in by a proxy, or use a token with a name",
         )),
     }
 }

@@ -3,6 +3,7 @@
 mod findings;
 mod immutable;
 mod layers;
+mod preferences;
 mod queries;
 mod readings;
 mod refusals;

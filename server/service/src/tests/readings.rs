@@ -10,13 +10,13 @@ use serde_json::{Value, json};
 use super::findings::{place, point};
 use super::server::{Answer, Server};
 
-const ANA: &str = "Bearer token-of-ana-000";
-const BEN: &str = "Bearer token-of-ben-000";
-const VIEWER: &str = "Bearer token-of-viewer-";
-const NOBODY: &str = "Bearer token-of-nobody-";
+pub(super) const ANA: &str = "Bearer token-of-ana-000";
+pub(super) const BEN: &str = "Bearer token-of-ben-000";
+pub(super) const VIEWER: &str = "Bearer token-of-viewer-";
+pub(super) const NOBODY: &str = "Bearer token-of-nobody-";
 
 /// A server with a case for two readers, one who may only look, and those who share a token without a name; and a finding on the left.
-async fn with_readers() -> (Server, String, Value) {
+pub(super) async fn with_readers() -> (Server, String, Value) {
     let (server, case) = Server::with_case().await;
     let at = place(&server, &case, 20.0).await;
     let named = |name: &str, bearer: &str, scopes: &[Scope]| NamedToken {
@@ -36,7 +36,7 @@ async fn with_readers() -> (Server, String, Value) {
     (server, case, point("a", &at))
 }
 
-async fn get(server: &Server, who: &str, address: &str) -> Answer {
+pub(super) async fn get(server: &Server, who: &str, address: &str) -> Answer {
     server.get_with(address, &[("authorization", who)]).await
 }
 

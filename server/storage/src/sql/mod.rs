@@ -17,6 +17,7 @@ pub(crate) mod made;
 mod owners;
 pub(crate) mod pins;
 mod postgres;
+mod preferences;
 mod readings;
 pub(crate) mod series;
 mod sqlite;
@@ -56,6 +57,11 @@ const SQLITE: &Migrations = &[
         "worklist",
         include_str!("../../migrations/sqlite/0240_worklist.sql"),
     ),
+    (
+        250,
+        "preferences",
+        include_str!("../../migrations/sqlite/0250_preferences.sql"),
+    ),
 ];
 
 const POSTGRES: &Migrations = &[
@@ -73,6 +79,11 @@ const POSTGRES: &Migrations = &[
         240,
         "worklist",
         include_str!("../../migrations/postgres/0240_worklist.sql"),
+    ),
+    (
+        250,
+        "preferences",
+        include_str!("../../migrations/postgres/0250_preferences.sql"),
     ),
 ];
 

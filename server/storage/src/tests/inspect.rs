@@ -135,8 +135,12 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     let WrittenReading::Done(begun) = begun.await.unwrap() else {
         panic!("a reading")
     };
+    let chosen = from.replace_preferences("ana", None, Some("{}"));
+    assert!(chosen.await.unwrap());
     let (first, reported) = copied(&from, &to).await;
     assert_eq!(reported, ids.map(|id| (id, true)), "the oldest first");
+    let chosen = to.preferences("ana").await.unwrap();
+    assert_eq!(chosen.as_deref(), Some("{}"));
     let files = objects_below(&there.path().join("objects"));
     let bytes = files.iter().map(|file| file.metadata().unwrap().len());
     let expected = Copied {

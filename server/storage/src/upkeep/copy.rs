@@ -34,7 +34,7 @@ pub enum CopyStep {
 /// Receives each step with the result so far.
 type Report<'r> = &'r mut (dyn FnMut(CopyStep, &Copied) + Send);
 
-/// Copies every case into another store. Intact objects that the target already has are kept, so an interrupted
+/// Copies every case, and what users have chosen for themselves, into another store. Intact objects that the target already has are kept, so an interrupted
 /// copy continues where it stopped, and a repeated copy adds what is new. Cases that only the target has stay
 /// there.
 ///
@@ -57,6 +57,14 @@ pub async fn copy_into(from: &Store, to: &Store, report: Report<'_>) -> Result<C
             false => CopyStep::LostCase(*id),
         };
         report(step, &copied);
+    }
+    for user in from.users_with_preferences().await? {
+        let chosen = from.preferences(&user).await?;
+        let known = to.preferences(&user).await?;
+        if chosen != known {
+            to.replace_preferences(&user, known.as_deref(), chosen.as_deref())
+                .await?;
+        }
     }
     Ok(copied)
 }
