@@ -18,6 +18,7 @@ use super::derivatives::{Derivatives, OutputError, encoded};
 use super::folder::{HeadFiles, HeadName};
 use super::places;
 use super::record::{HeadRecord, MadeWith, MapsRecord, MaskRecord};
+use crate::gyri::PlaceNames;
 use crate::library::LoadedMaps;
 use crate::models::PathKind;
 use crate::nifti::native_grid;
@@ -257,7 +258,11 @@ impl Writer<'_> {
         let own = own.map(|maps| [MapName::Blur, MapName::Thickness].map(|name| (name, maps)));
         let of_flair = flair.as_ref().and_then(|maps| maps.as_deref().ok());
         let of_flair = of_flair.map(|maps| (MapName::Flair, maps));
-        let table = places::table(own.into_iter().flatten().chain(of_flair), gyri.as_deref());
+        let names = PlaceNames {
+            gyri: gyri.as_deref(),
+            ac_pc: None,
+        };
+        let table = places::table(own.into_iter().flatten().chain(of_flair), &names);
         self.add("desc-places.tsv", table.as_bytes())?;
         Ok(self.add_json("desc-places.json", &places::columns())?)
     }

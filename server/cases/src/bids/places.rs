@@ -2,25 +2,24 @@
 
 use std::fmt::Write as _;
 
-use case::{CandidateFacts, Gyrus, MapName};
-use pipeline::atlas::Gyri;
+use case::{ATLAS_ERROR_MM, CandidateFacts, Gyrus, MapName};
 use serde_json::{Value, json};
 
 use super::record::ras;
-use crate::gyri::named;
+use crate::gyri::PlaceNames;
 use crate::library::LoadedMaps;
 
 /// The head of the table.
-const COLUMNS: &str = "map\trank\tx\ty\tz\tscore\tside\tdepth_mm\tgyrus\tstands_out\tsize_mm\n";
+const COLUMNS: &str = "map\trank\tx\ty\tz\tscore\tside\tdepth_mm\tgyrus\tstands_out\tsize_mm\tmni152_x\tmni152_y\tmni152_z\n";
 
 /// A row for each place of the cerebrum, the highest of each map first. Numbers are the shortest texts that read back as the same numbers.
 pub(super) fn table<'a>(
     maps: impl IntoIterator<Item = (MapName, &'a LoadedMaps)>,
-    gyri: Option<&Gyri>,
+    names: &PlaceNames<'_>,
 ) -> String {
     let mut text = COLUMNS.to_owned();
     for (name, maps) in maps {
-        for (rank, place) in (1..).zip(named(maps.places(name), gyri)) {
+        for (rank, place) in (1..).zip(names.of_places(maps.places(name))) {
             let [x, y, z] = ras(place.position_in_patient);
             let depth = place
                 .depth_mm
@@ -28,10 +27,14 @@ pub(super) fn table<'a>(
             let CandidateFacts { score, size_mm, .. } = place;
             let [side, gyrus] = [place.side.name(), place.gyrus.map_or("n/a", Gyrus::name)];
             let stands_out = place.stands_out();
+            let atlas = place.standard.and_then(|standard| standard.atlas);
+            let mni152 = atlas.map_or("n/a\tn/a\tn/a".to_owned(), |atlas| {
+                atlas.mni152.map(|mm| mm.to_string()).join("\t")
+            });
             let name = name.name();
             let _ = writeln!(
                 text,
-                "{name}\t{rank}\t{x}\t{y}\t{z}\t{score}\t{side}\t{depth}\t{gyrus}\t{stands_out}\t{size_mm}"
+                "{name}\t{rank}\t{x}\t{y}\t{z}\t{score}\t{side}\t{depth}\t{gyrus}\t{stands_out}\t{size_mm}\t{mni152}"
             );
         }
     }
@@ -40,6 +43,11 @@ pub(super) fn table<'a>(
 
 /// What the columns are.
 pub(super) fn columns() -> Value {
+    let about = |axis: &str| {
+        format!(
+            "{axis} in MNI 152, by an affine fit of the whole head to an atlas: up to {ATLAS_ERROR_MM} mm off; n/a as for the gyrus."
+        )
+    };
     json!({
         "map": {"Description": "The map that lists the place. Most places are normal: nothing is detected.", "Levels": {
             "blur": "the junction of grey and white matter is less sharp than around the place and on the other side",
@@ -59,5 +67,8 @@ pub(super) fn columns() -> Value {
         "gyrus": {"Description": "A coarse name from an atlas, never a measurement; n/a without an atlas, or if the head does not surely fit it."},
         "stands_out": {"Description": "Whether the score is higher than in heads without a lesion, where that is known. No place that stands out does not exclude a lesion."},
         "size_mm": {"Description": "The diameter of the place.", "Units": "mm"},
+        "mni152_x": {"Description": about("To the right"), "Units": "mm"},
+        "mni152_y": {"Description": about("To the front"), "Units": "mm"},
+        "mni152_z": {"Description": about("Upwards"), "Units": "mm"},
     })
 }
