@@ -315,6 +315,7 @@ def test_heads_that_cannot_be_judged_are_listed_with_the_reason(golden, capsys):
     about["Maps"] = {"State": "undefined", "Code": "too-coarse", "Reason": "its voxels are too coarse"}
     facts.write_text(json.dumps(about))
     os.remove(derivatives / "sub-018/anat/sub-018_desc-brain_mask.json")
+    os.remove(derivatives / "sub-023/anat/sub-023_desc-places.tsv")
     summary = (derivatives / "summary.tsv").read_text()
     summary = re.sub("(?m)^sub-018\t.*", "sub-018\trefused\tit has four axes\t1", summary)
     (derivatives / "summary.tsv").write_text(summary)
@@ -322,6 +323,7 @@ def test_heads_that_cannot_be_judged_are_listed_with_the_reason(golden, capsys):
     assert run(golden, "--derivatives", derivatives) == 0
     reasons = {row["head"]: row["reason"] for row in report(golden)["left_out"]}
     assert reasons.pop("sub-007").startswith("patient without a result: ")
+    assert "is damaged" in reasons.pop("sub-023")
     assert reasons == {
         "sub-005": "patient without a truth",
         "sub-010": "patient without a result: its truth has no voxel",
