@@ -375,6 +375,22 @@ def test_a_truth_that_was_drawn_on_the_flair_moves_with_it(golden):
         assert lesion == pytest.approx(other, abs=1e-3)
 
 
+@pytest.mark.usefixtures("known_places")
+def test_the_masks_of_ideas_lie_in_a_folder_of_their_own(golden):
+    keep(golden, "sub-002", "sub-018")
+    for name in ("2/2_MaskInOrig.nii.gz", "18/note.txt"):
+        (golden / "bids/masks" / name).parent.mkdir(parents=True)
+    (golden / "bids/sub-002/anat/sub-002_roi.nii.gz").rename(golden / "bids/masks/2/2_MaskInOrig.nii.gz")
+    words = [golden / "bids", "--like", "ideas", "--no-controls", "--derivatives", golden / "derivatives"]
+    assert trial.main([*map(str, words), "--results", str(golden / "results")]) == 0
+    found = report(golden)
+    assert (found["patients"], found["controls"]) == (1, 0)
+    assert {"head": "sub-018", "reason": "it is neither a patient nor a control"} in found["left_out"]
+    [list] = found["lists"]
+    assert list["area"] is None and [row["name"] for row in list["thresholds"]] == [name for name, _ in trial.LIMITS]
+    assert "There are no controls" in (golden / "results/report.html").read_text()
+
+
 STAND_IN = """#!{python}
 import shutil, sys
 assert sys.argv[1] == "bids" and sys.argv[4] == "participant"
