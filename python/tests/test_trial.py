@@ -315,6 +315,7 @@ def test_heads_that_cannot_be_judged_are_listed_with_the_reason(golden, capsys):
     about["Maps"] = {"State": "undefined", "Code": "too-coarse", "Reason": "its voxels are too coarse"}
     facts.write_text(json.dumps(about))
     os.remove(derivatives / "sub-018/anat/sub-018_desc-brain_mask.json")
+    os.remove(derivatives / "sub-023/anat/sub-023_desc-places.tsv")
     summary = (derivatives / "summary.tsv").read_text()
     summary = re.sub("(?m)^sub-018\t.*", "sub-018\trefused\tit has four axes\t1", summary)
     (derivatives / "summary.tsv").write_text(summary)
@@ -322,6 +323,7 @@ def test_heads_that_cannot_be_judged_are_listed_with_the_reason(golden, capsys):
     assert run(golden, "--derivatives", derivatives) == 0
     reasons = {row["head"]: row["reason"] for row in report(golden)["left_out"]}
     assert reasons.pop("sub-007").startswith("patient without a result: ")
+    assert "is damaged" in reasons.pop("sub-023")
     assert reasons == {
         "sub-005": "patient without a truth",
         "sub-010": "patient without a result: its truth has no voxel",
@@ -371,6 +373,22 @@ def test_a_truth_that_was_drawn_on_the_flair_moves_with_it(golden):
         del other["truth"]
         assert lesion.pop("false_marks") == other.pop("false_marks")
         assert lesion == pytest.approx(other, abs=1e-3)
+
+
+@pytest.mark.usefixtures("known_places")
+def test_the_masks_of_ideas_lie_in_a_folder_of_their_own(golden):
+    keep(golden, "sub-002", "sub-018")
+    for name in ("2/2_MaskInOrig.nii.gz", "18/note.txt"):
+        (golden / "bids/masks" / name).parent.mkdir(parents=True)
+    (golden / "bids/sub-002/anat/sub-002_roi.nii.gz").rename(golden / "bids/masks/2/2_MaskInOrig.nii.gz")
+    words = [golden / "bids", "--like", "ideas", "--no-controls", "--derivatives", golden / "derivatives"]
+    assert trial.main([*map(str, words), "--results", str(golden / "results")]) == 0
+    found = report(golden)
+    assert (found["patients"], found["controls"]) == (1, 0)
+    assert {"head": "sub-018", "reason": "it is neither a patient nor a control"} in found["left_out"]
+    [list] = found["lists"]
+    assert list["area"] is None and [row["name"] for row in list["thresholds"]] == [name for name, _ in trial.LIMITS]
+    assert "There are no controls" in (golden / "results/report.html").read_text()
 
 
 STAND_IN = """#!{python}

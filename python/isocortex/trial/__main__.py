@@ -138,21 +138,24 @@ def trial(arguments: argparse.Namespace) -> Report:
     derivatives: Path = arguments.derivatives or arguments.results / "derivatives"
     if not arguments.derivatives:
         run_program(bids, derivatives, [head.files for head in selection.chosen], arguments.jobs)
-    elif not (derivatives / "dataset_description.json").is_file():
-        raise IsocortexError(f"{derivatives} has no dataset_description.json: `isocortex bids` has not written it")
+    version = _version(derivatives)
 
     heads: list[Judgeable] = []
     remarks: list[Remark] = []
     missed = 0
     for chosen in selection.chosen:
-        name = chosen.files.name
         try:
             heads.append(read_head(chosen, Outputs(derivatives, bids, chosen.files.t1[0])))
             remarks += heads[-1].remarks()
-        except (NoMapsError, IsocortexError) as error:
-            missed += chosen.role == "patient"
-            reason = str(error) if isinstance(error, NoMapsError) else f"without a result: {error}"
-            selection.left_out.append(Remark(name, f"{chosen.role} {reason}"))
+            continue
+        except NoMapsError as error:
+            reason = str(error)
+        except IsocortexError as error:
+            reason = f"without a result: {error}"
+        except (OSError, LookupError, ValueError) as error:
+            reason = f"without a result: what isocortex bids has written of it is damaged ({error!r})"
+        missed += chosen.role == "patient"
+        selection.left_out.append(Remark(chosen.files.name, f"{chosen.role} {reason}"))
     selection.left_out.sort(key=lambda remark: remark.head)
 
     lists = [MarkList("blur", {head.name: head.marks for head in heads}), *others]
@@ -172,7 +175,7 @@ def trial(arguments: argparse.Namespace) -> Report:
         without = [head for head in names if not len(marks.heads[head].scores)]
         remarks += [Remark(head, f"{marks.name} has no mark for it") for head in without]
     return Report(
-        version=_version(derivatives),
+        version=version,
         selection=selection,
         remarks=remarks,
         heads=heads,
@@ -199,8 +202,11 @@ def trial(arguments: argparse.Namespace) -> Report:
 
 def _version(derivatives: Path) -> str:
     """That of the program which has prepared the heads."""
-    description = json.loads((derivatives / "dataset_description.json").read_text())
-    return str(description["GeneratedBy"][0]["Version"])
+    path = derivatives / "dataset_description.json"
+    try:
+        return str(json.loads(path.read_text())["GeneratedBy"][0]["Version"])
+    except (OSError, LookupError, ValueError, TypeError) as error:
+        raise IsocortexError(f"{path} does not state a version: `isocortex bids` has not written it") from error
 
 
 def main(words: list[str] | None = None) -> int:

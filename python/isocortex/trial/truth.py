@@ -57,14 +57,14 @@ def opened(path: Path) -> Volume:
     """A NIfTI file with three axes."""
     try:
         image: Any = nib.load(path)
-        data = np.asanyarray(image.dataobj)
+        data, affine = np.asanyarray(image.dataobj), np.array(image.affine, float)
     except Exception as error:
         raise IsocortexError(f"{path} cannot be read: {error}") from error
     while data.ndim > 3 and data.shape[-1] == 1:
         data = data[..., 0]
-    if data.ndim != 3 or not np.isfinite(image.affine).all() or np.linalg.det(image.affine) == 0:
+    if data.ndim != 3 or not np.isfinite(affine).all() or np.linalg.det(affine) == 0:
         raise IsocortexError(f"{path} is no volume with three axes and a place in the scanner")
-    return Volume(data, np.array(image.affine, float))
+    return Volume(data, affine)
 
 
 def belonging(values: NDArray[Any]) -> Bools:
