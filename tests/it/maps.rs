@@ -414,7 +414,7 @@ async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
             file.header("content-disposition")
                 .contains(&format!("{name}.nii.gz"))
         );
-        let (grid, numbers) = voxels_of(&file, |bytes| f32::from_le_bytes(bytes));
+        let (grid, numbers) = voxels_of(&file, f32::from_le_bytes);
         assert_eq!(grid.size(), SIZE, "that of the volume");
         // The map is a block of it, whose affine the header states.
         let rows = volume.header("x-isocortex-patient-from-voxel");

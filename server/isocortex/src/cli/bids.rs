@@ -60,7 +60,7 @@ pub(super) struct BidsArgs {
     /// Do not check that the folder has the description of a BIDS data set.
     #[arg(long, alias = "skip_bids_validation")]
     skip_bids_validation: bool,
-    /// The number of heads to do at a time. Each needs 2 to 4 GB of memory and uses several cores.
+    /// The number of heads to do at a time. One of 256³ voxels needs 0.75 GB of memory, and uses several cores.
     #[arg(long, value_name = "N", default_value = "1")]
     jobs: NonZeroUsize,
     /// The weights of the network that extracts brains. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
