@@ -1,5 +1,5 @@
-// The widget of notebooks, in a page that stands in for one: a model with traits, whose messages this page answers as the
-// Python package does (`python/tests/test_view.py` tests that).
+// Tests the widget of notebooks in a page that acts as the notebook. The page has a model with traits, and answers its messages
+// as the Python package does. `python/tests/test_view.py` tests those answers.
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";

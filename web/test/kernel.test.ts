@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { carryBy, send } from "../src/base/api.ts";
+import { send } from "../src/base/api.ts";
 import { Kernel, type Model } from "../src/widget/kernel.ts";
 
 interface Asked {
@@ -18,7 +18,7 @@ class Notebook {
   readonly asked: Asked[] = [];
   readonly hearing = new Set<Hear>();
   readonly model: Model = {
-    get: () => null,
+    get: () => "a",
     set: () => {},
     save_changes: () => {},
     send: (asked) => void this.asked.push(asked as Asked),
@@ -26,32 +26,42 @@ class Notebook {
     off: (_, hear) => void this.hearing.delete(hear as unknown as Hear),
   };
 
+  get paths(): readonly string[] {
+    return this.asked.map(({ path }) => path);
+  }
+
   answer(): void {
     for (const { ask, path } of this.asked.splice(0))
       for (const hear of this.hearing) hear({ answer: ask, status: 200, headers: {} }, [path]);
   }
 }
 
-test("what one view of a case has asked by way of another is answered when that one is gone", async () => {
+test("two views of one case ask each its own Python", async () => {
   const [first, second] = [new Notebook(), new Notebook()];
-  const kernels = [first, second].map(({ model }) => new Kernel(model));
-  const releases = kernels.map(({ carry }) => carryBy("v1/cases/a", carry));
-  const gone = new AbortController();
-  const asked = send("v1/cases/a/case");
-  const given = assert.rejects(send("v1/cases/a/parts", { signal: gone.signal }));
+  const [one, other] = [first, second].map(({ model }) => new Kernel(model));
+  assert.ok(one && other);
+  const asked = [one, other].map(({ own }) => send(`v1/cases/${own}/render?depth_mm=8`));
   await Promise.resolve();
-  assert.deepEqual([first.asked.length, second.asked.length], [0, 2]);
-  gone.abort();
-  kernels[1]?.dispose();
-  releases[1]?.();
+  const path = "v1/cases/a/render?depth_mm=8";
+  assert.deepEqual([first.paths, second.paths], [[path], [path]]);
   second.answer();
+  assert.equal(await (await asked[1])?.text(), path);
+  first.answer();
+  assert.equal(await (await asked[0])?.text(), path);
+
+  // What is not wanted any more is not waited for; the other view goes on.
+  const gone = new AbortController();
+  const given = assert.rejects(send(`v1/cases/${other.own}/parts`, { signal: gone.signal }));
+  await Promise.resolve();
+  gone.abort();
   await given;
-  assert.equal(await (await asked).text(), "v1/cases/a/case");
-  assert.deepEqual([second.hearing.size, first.hearing.size], [0, 1], "nobody is heard in vain");
-  const again = send("v1/cases/a/case");
+  other.dispose();
+  assert.equal(second.hearing.size, 0, "nobody is heard in vain");
+  const again = send(`v1/cases/${one.own}`);
+  await Promise.resolve();
+  assert.deepEqual(first.paths, ["v1/cases/a"]);
   first.answer();
   assert.ok((await again).ok);
-  kernels[0]?.dispose();
-  releases[0]?.();
+  one.dispose();
   assert.equal(first.hearing.size, 0);
 });

@@ -1,6 +1,6 @@
 // Requests to the server by way of the kernel of a notebook: its Python answers, wherever it and the server run.
 
-import type { Carrier } from "../base/api.ts";
+import { type Carrier, carryBy } from "../base/api.ts";
 
 /** What an anywidget gives to its front end: traits that Python has too, and messages. */
 export interface Model {
@@ -19,18 +19,27 @@ interface Answer {
   readonly headers: Readonly<Record<string, string>>;
 }
 
-/** Asks the Python behind a model. What it does not answer, because the kernel has ended, is not answered. */
+/** The views that this notebook has shown. */
+let views = 0;
+
+/** Asks the Python behind a model about its case. What it does not answer, because the kernel has ended, is not answered. */
 export class Kernel {
+  /** The id of the case as this view alone has it in its requests: two views of one case may belong to two servers. */
+  readonly own: string;
+  readonly #id: string;
   readonly #model: Model;
+  readonly #release: () => void;
   readonly #waiting = new Map<number, (answer: Answer, body: BlobPart | undefined) => void>();
-  #isOver = false;
 
   constructor(model: Model) {
     this.#model = model;
+    this.#id = String(model.get("case_id"));
+    this.own = `${this.#id}.${(views += 1)}`;
     model.on("msg:custom", this.#hear);
+    this.#release = carryBy(`v1/cases/${this.own}`, (path, options) => this.#carry(path, options));
   }
 
-  readonly carry: Carrier = (path, { headers, signal }) =>
+  readonly #carry: Carrier = (path, { headers, signal }) =>
     new Promise((resolve, reject) => {
       signal?.throwIfAborted();
       // Other views of the same model hear the same answers.
@@ -38,28 +47,21 @@ export class Kernel {
       const { accept = "*/*" } = Object.fromEntries(new Headers(headers));
       signal?.addEventListener("abort", () => {
         if (this.#waiting.delete(ask)) reject(signal.reason as Error);
-        this.#rest();
       });
       this.#waiting.set(ask, ({ status, headers: its }, body) =>
         resolve(new Response(body ?? null, { status, headers: its })),
       );
-      this.#model.send({ ask, path, accept });
+      this.#model.send({ ask, path: path.replace(this.own, this.#id), accept });
     });
 
   readonly #hear = (content: Answer, buffers: readonly BlobPart[] = []): void => {
     const resolve = this.#waiting.get(content.answer);
     this.#waiting.delete(content.answer);
     resolve?.(content, buffers[0]);
-    this.#rest();
   };
 
-  /** Hears until all is answered that was asked: another view of the same case may have asked by way of this one. */
   dispose(): void {
-    this.#isOver = true;
-    this.#rest();
-  }
-
-  #rest(): void {
-    if (this.#isOver && this.#waiting.size === 0) this.#model.off("msg:custom", this.#hear);
+    this.#release();
+    this.#model.off("msg:custom", this.#hear);
   }
 }

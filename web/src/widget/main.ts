@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 
-import { carryBy, getCase } from "../base/api.ts";
+import { getCase } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, setText, setValue, tell } from "../base/dom.ts";
 import { languageFor, learn, t } from "../base/i18n.ts";
@@ -215,8 +215,6 @@ class View {
 /** Shows the case of a model in a cell of a notebook; what is returned ends that. */
 async function render({ model, el }: { readonly model: Model; readonly el: HTMLElement }): Promise<() => void> {
   const kernel = new Kernel(model);
-  const id = String(model.get("case_id"));
-  const release = carryBy(`v1/cases/${id}`, kernel.carry);
   await learn(languageFor(navigator.languages));
   const root = el.attachShadow({ mode: "open" });
   const sheet = h("style");
@@ -225,7 +223,7 @@ async function render({ model, el }: { readonly model: Model; readonly el: HTMLE
   root.append(sheet);
   let view: View | null = null;
   try {
-    const shown = await getCase(id);
+    const shown = { ...(await getCase(kernel.own)), id: kernel.own };
     if (shown.state !== "ready") throw new Error(shown.state);
     view = new View(model, shown);
     root.append(view.element);
@@ -236,7 +234,6 @@ async function render({ model, el }: { readonly model: Model; readonly el: HTMLE
   return () => {
     view?.dispose();
     kernel.dispose();
-    release();
   };
 }
 

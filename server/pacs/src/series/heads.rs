@@ -78,9 +78,10 @@ impl Head {
         self.case.state == CaseState::Failed || self.case.trashed
     }
 
-    /// Sorts heads as a link prefers them: original before derived, without a contrast agent before with one, finer
-    /// before coarser, then the earlier acquisition. When they came does not count, so that the same link opens the same
-    /// head. A case whose voxels are not known yet may turn out to be the finest. What failed or is in the trash comes last.
+    /// The order in which a link prefers heads: original images before derived ones, images without a contrast agent before
+    /// images with one, smaller voxels before larger ones, and then the earlier acquisition. The time of arrival does not count,
+    /// so that a link always opens the same head. A case with unknown voxels counts as the finest. A case that failed or
+    /// is in the trash comes last.
     fn rank(&self) -> impl Ord + use<> {
         let volume_mm3: f64 = self.voxel_mm().map_or(0.0, |sides| sides.iter().product());
         // Voxels of one protocol differ by rounding errors.
