@@ -159,6 +159,11 @@ test("two readers sign, each without seeing the other’s conclusion before, and
   const ana = await openAs("ana");
   await ana.page.locator("#conclusion").fill("Blurred junction on the right.\nNothing else.");
   await ana.page.getByText("Stored on the server.").first().waitFor();
+  await ana.page.getByText("In fixed words").click();
+  await ana.page.locator("#template-side").selectOption({ label: "Right" });
+  await ana.page.locator("#template-gyrus").selectOption({ label: "middle frontal gyrus" });
+  await ana.page.locator("#template-blur").selectOption({ label: "present" });
+  await keep(ana.page, "reading-template");
   await sign(ana.page);
   await keep(ana.page, "reading-signed");
   assert.match(await ana.page.locator(".signed").innerText(), /^Version 1: signed by ana on /);
@@ -169,6 +174,7 @@ test("two readers sign, each without seeing the other’s conclusion before, and
   const report = await readFile(await (await download).path(), "utf8");
   assert.match(report, /Signed by <bdi>ana<\/bdi> on /);
   assert.match(report, /class="large[^>]*><bdi>Blurred junction on the right\.<\/bdi>/);
+  assert.match(report, /<th>Side<\/th><td>Right<\/td>[^]*<th>Blurred boundary<\/th><td>present<\/td>/);
   const signed = await readingOf("proxy:ana");
   assert.deepEqual([signed.state, findings(signed).length], ["signed", 1]);
 
@@ -183,10 +189,12 @@ test("two readers sign, each without seeing the other’s conclusion before, and
   const both = ben.page.locator("dialog.readings");
   await both.locator(".conclusions").waitFor();
   await keep(ben.page, "readings-compared");
-  assert.deepEqual(await both.locator(".conclusions td").allInnerTexts(), [
-    "Normal.",
-    "Blurred junction on the right.\nNothing else.",
-  ]);
+  const [normal, blurred] = await both.locator(".conclusions td").allInnerTexts();
+  assert.equal(normal, "Normal.");
+  assert.match(
+    blurred ?? "",
+    /^Blurred junction on the right\.\nNothing else\.\s+Side: Right\s+Gyrus: middle frontal gyrus\s+Blurred boundary: present$/,
+  );
   assert.match(await both.innerText(), /Same place within 10 mm: 1[^]*In your reading alone: 0/);
   assert.deepEqual(await violations(ben.page), []);
   await both.getByRole("button", { name: "Close" }).click();

@@ -80,7 +80,7 @@ test("every word is used, and no word that is used is missing", () => {
     source.includes(`"${key}"`) ||
     source.includes(`\`${key.slice(0, key.indexOf(".") + 1)}\${`) ||
     source.includes(`\`${key}\``) ||
-    /^(help|theme|wheel|drag|shortcuts|linked_zoom)\./.test(key);
+    /^(help|theme|wheel|drag|shortcuts|linked_zoom|sign)\./.test(key);
   for (const key of Object.keys(english)) assert.ok(used(key), key);
 });
 

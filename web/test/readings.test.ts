@@ -6,7 +6,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { signal } from "@preact/signals";
 
 import { type Finding, newFinding } from "../src/model/findings.ts";
-import { type ListedReading, compared, ofOthers } from "../src/model/readings.ts";
+import { type ListedReading, type Template, compared, ofOthers } from "../src/model/readings.ts";
 import type { Vec3 } from "../src/model/space.ts";
 import { speak } from "../src/base/i18n.ts";
 import { holder, isNamed } from "../src/store/holder.ts";
@@ -67,13 +67,14 @@ interface Stored {
   version: number;
   state: "open" | "signed";
   conclusion: string;
+  template: Template;
   findings: readonly Finding[];
 }
 
 /** A server with the reading of whoever is signed in. */
 class Server {
   reader = "proxy:ana";
-  mine: Stored = { version: 1, state: "open", conclusion: "", findings: [] };
+  mine: Stored = { version: 1, state: "open", conclusion: "", template: {}, findings: [] };
   tag = 1;
   readonly seen: string[] = [];
   isAway = false;
@@ -91,9 +92,9 @@ class Server {
     const known = (headers as Readonly<Record<string, string>>)["if-match"];
     if (method !== "GET" && known !== `"${this.tag}"`) return new Response("", { status: 412 });
     if (method === "PUT") {
-      const { conclusion, findings } = JSON.parse(String(body)) as Stored;
+      const { conclusion, template, findings } = JSON.parse(String(body)) as Stored;
       const isSigned = this.mine.state === "signed";
-      this.put({ version: this.mine.version + (isSigned ? 1 : 0), state: "open", conclusion, findings });
+      this.put({ version: this.mine.version + (isSigned ? 1 : 0), state: "open", conclusion, template, findings });
     }
     if (method === "POST") this.put({ ...this.mine, state: "signed" });
     return Response.json({ reader: this.reader, ...this.mine }, { headers: { etag: `"${this.tag}"` } });
@@ -138,15 +139,15 @@ afterEach(() => {
 });
 
 test("a conclusion is sent as soon as the hand rests, and again once the server is back", async () => {
-  reading.change({ conclusion: "Thick" });
-  reading.change({ conclusion: "Thick gyrus\r\nleft\u202e" });
+  reading.write({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick gyrus\r\nleft\u202e" });
   assert.ok(!reading.isKept);
   mock.timers.tick(500);
   await reading.flush();
   assert.deepEqual([server.mine.conclusion, server.seen], ["Thick gyrus\nleft", ["PUT"]]);
   assert.equal(reading.status.value, english["findings.kept"]);
   server.isAway = true;
-  reading.change({ conclusion: "Thin" });
+  reading.write({ conclusion: "Thin" });
   mock.timers.tick(500);
   await assert.rejects(reading.flush());
   assert.match(reading.status.value, /Not stored yet/);
@@ -157,7 +158,7 @@ test("a conclusion is sent as soon as the hand rests, and again once the server 
 });
 
 test("what is signed has the findings as they are shown, stays, and is corrected by its next version", async () => {
-  reading.change({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick" });
   assert.ok(await reading.sign(reading.seen));
   assert.deepEqual([server.mine.state, server.mine.conclusion, ids(server.mine.findings)], ["signed", "Thick", "a"]);
   assert.ok(reading.isSigned.value && reading.isKept);
@@ -173,7 +174,7 @@ test("what is signed has the findings as they are shown, stays, and is corrected
 
 test("what another window wrote meanwhile stays, and is never signed unseen", async () => {
   server.put({ ...server.mine, conclusion: "of the other window" });
-  reading.change({ conclusion: "of this one" });
+  reading.write({ conclusion: "of this one" });
   await reading.flush();
   assert.equal(server.mine.conclusion, "of the other window\n\nof this one");
   assert.equal(reading.value.value.conclusion, server.mine.conclusion);
@@ -187,7 +188,7 @@ test("what another window wrote meanwhile stays, and is never signed unseen", as
 });
 
 test("what is signed is what was seen when the reader was asked", async () => {
-  reading.change({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick" });
   const { seen } = reading;
   list.value = [at("a", [1, 2, 3]), at("b", [9, 9, 9])];
   assert.equal(await reading.sign(seen), false);
@@ -203,10 +204,10 @@ test("what is signed is what was seen when the reader was asked", async () => {
 });
 
 test("what is typed while another window signs is kept for the correction", async () => {
-  reading.change({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick" });
   await reading.flush();
   server.put({ ...server.mine, state: "signed" });
-  reading.change({ conclusion: "Thick, and blurred" });
+  reading.write({ conclusion: "Thick, and blurred" });
   await assert.rejects(reading.flush());
   assert.ok(reading.isSigned.value && !reading.isKept);
   await reading.load();
@@ -218,27 +219,43 @@ test("what is typed while another window signs is kept for the correction", asyn
 });
 
 test("what is deleted while it is sent does not come back", async () => {
-  reading.change({ conclusion: "A" });
+  reading.write({ conclusion: "A" });
   await reading.flush();
-  server.during = () => reading.change({ conclusion: "A" });
-  reading.change({ conclusion: "AB" });
+  server.during = () => reading.write({ conclusion: "A" });
+  reading.write({ conclusion: "AB" });
   await reading.flush();
   assert.deepEqual([server.mine.conclusion, reading.value.value.conclusion], ["A", "A"]);
   assert.deepEqual(server.seen, ["PUT", "PUT", "PUT"]);
 });
 
+test("fixed words are kept field by field, and joined with what another window chose", async () => {
+  reading.write({ template: { side: "left", blur: "present" } });
+  await reading.flush();
+  assert.deepEqual(server.mine.template, { side: "left", blur: "present" });
+  assert.ok(reading.isBegun.value, "they are a conclusion without a text");
+  // The other window takes back the blur and states a lobe, this one another side.
+  server.put({ ...server.mine, template: { side: "left", lobe: "insula" } });
+  reading.write({ template: { side: "right", blur: "present" } });
+  await reading.flush();
+  assert.deepEqual(server.mine.template, { side: "right", lobe: "insula" });
+  const { seen } = reading;
+  reading.write({ template: { side: "right" } });
+  assert.equal(await reading.sign(seen), false, "what is signed was seen");
+  assert.ok(await reading.sign(reading.seen));
+});
+
 test("a conclusion that is taken back takes the findings with it", async () => {
-  reading.change({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick" });
   await reading.flush();
   assert.equal(ids(server.mine.findings), "a");
-  reading.change({ conclusion: " \n" });
+  reading.write({ conclusion: " \n" });
   await reading.flush();
   assert.deepEqual([server.mine.conclusion.trim(), server.mine.findings], ["", []]);
 });
 
 test("whoever signs in next on the same page neither sees nor sends what the one before has written", async () => {
   server.isAway = true;
-  reading.change({ conclusion: "of Ana" });
+  reading.write({ conclusion: "of Ana" });
   await assert.rejects(reading.flush());
   server.isAway = false;
   const ofAna = server.mine;
@@ -264,7 +281,7 @@ test("whoever signs in next on the same page neither sees nor sends what the one
 
 test("what was not sent of a case that was left is shown again, and the page warns until it is sent", async () => {
   server.isAway = true;
-  reading.change({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick" });
   reading.dispose();
   mock.timers.tick(0);
   await assert.rejects(reading.flush());
@@ -278,11 +295,11 @@ test("what was not sent of a case that was left is shown again, and the page war
 });
 
 test("of a deleted case nothing is left to be sent, and a page in the background sends what there is", async () => {
-  reading.change({ conclusion: "Thick" });
+  reading.write({ conclusion: "Thick" });
   for (const hear of listening) hear(new Event("visibilitychange", { cancelable: true }));
   await reading.flush();
   assert.equal(server.mine.conclusion, "Thick");
-  reading.change({ conclusion: "Thin" });
+  reading.write({ conclusion: "Thin" });
   server.isDeleted = true;
   reading.dispose();
   await assert.rejects(reading.flush());

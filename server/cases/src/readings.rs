@@ -129,7 +129,7 @@ impl Cases {
             return Err(NotReplaced::Changed(before));
         }
         reading.check_conclusion().map_err(NotReplaced::Refused)?;
-        if !reading.is_concluded() {
+        if reading.conclusion.trim().is_empty() {
             reading.conclusion.clear();
         }
         // What is taken from the findings of the case keeps its times.
@@ -167,7 +167,8 @@ impl Cases {
         let Some(stored) = before.stored.filter(|_| is_concluded) else {
             return Err(NotReplaced::Refused(FindingRefused {
                 path: "conclusion".to_owned(),
-                detail: "must not be empty when it is signed".to_owned(),
+                detail: "must not be empty when it is signed, unless the template states something"
+                    .to_owned(),
             }));
         };
         let written = self.store().sign_reading(id, &stored).await?;

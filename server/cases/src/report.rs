@@ -97,6 +97,7 @@ impl Cases {
                 let of_reader = ReportedReading {
                     reader,
                     conclusion: kept.reading.conclusion,
+                    template: kept.reading.template,
                     signed_at: kept.signed_at.map(|at| at.to_string()),
                 };
                 (kept.reading.findings, Some(of_reader))

@@ -10,6 +10,7 @@ mod words;
 use std::sync::Arc;
 
 use case::findings::Finding;
+use case::readings::Template;
 use case::{CandidateFacts, Case, CaseFacts, RegionFacts};
 use serde::{Deserialize, Serialize};
 
@@ -92,6 +93,8 @@ pub struct ReportedReading {
     /// As people know the reader.
     pub reader: String,
     pub conclusion: String,
+    /// The same in fixed words.
+    pub template: Template,
     /// `2026-11-28T10:20:30Z`; `None` while it is open.
     pub signed_at: Option<String>,
 }

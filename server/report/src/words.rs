@@ -215,6 +215,20 @@ impl Words {
         self.of_page(&format!("gyrus.{}", gyrus.name()))
     }
 
+    /// The name of a field of a template.
+    pub(crate) fn template_field(&self, field: &str) -> &'static str {
+        self.of_page(&format!("template.{field}"))
+    }
+
+    /// What a field of a template states.
+    pub(crate) fn template_word(&self, field: &str, word: &str) -> &'static str {
+        let kind = match field {
+            "side" | "lobe" | "gyrus" | "certainty" => field,
+            _ => "sign",
+        };
+        self.of_page(&format!("{kind}.{word}"))
+    }
+
     /// The head of a column of gyri.
     pub(crate) fn about_gyrus(&self) -> &'static str {
         self.of_page("gyrus.about")
@@ -475,6 +489,7 @@ const PORTUGUESE: Words = Words {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use case::readings::Template;
 
     #[test]
     fn the_page_has_the_sentences_that_a_report_takes_from_it() {
@@ -500,6 +515,21 @@ mod tests {
             }
             for gyrus in Gyrus::all() {
                 assert!(!words.gyrus(gyrus).is_empty());
+                let lobe = gyrus.lobe().into();
+                assert!(!words.template_word("lobe", lobe).is_empty());
+            }
+            for (field, all) in [
+                ("side", ["left", "right", "both"]),
+                ("blur", ["present", "absent", "undetermined"]),
+                ("certainty", ["definite", "probable", "unlikely"]),
+            ] {
+                assert!(
+                    all.iter()
+                        .all(|word| !words.template_word(field, word).is_empty())
+                );
+            }
+            for field in Template::FIELDS {
+                assert!(!words.template_field(field).is_empty());
             }
             assert!(words.no_map_of_flair("<reason>").contains("<reason>"));
             let doubt = words.doubt_of_regions("<reason>");

@@ -68,6 +68,10 @@ export function gyrusWords(gyrus: string | undefined): string {
   return key ? t(key) : "";
 }
 
+/** The words of a group of keys, by what follows its name. */
+export const namesOf = (group: string): readonly string[] =>
+  Object.keys(words).flatMap((key) => (key.startsWith(group) ? [key.slice(group.length)] : []));
+
 /** A number as the language writes it, with exactly so many digits after the point. */
 export function number(value: number, digits = 0): string {
   const format = new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });

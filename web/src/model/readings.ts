@@ -17,9 +17,26 @@ export interface ListedReading {
   readonly is_shown: boolean;
 }
 
-/** What a reader writes. */
+/** The fields of a template, each with the group of the page's words that it is stated in. */
+export const TEMPLATE = {
+  side: "side",
+  lobe: "lobe",
+  gyrus: "gyrus",
+  blur: "sign",
+  thickening: "sign",
+  transmantle: "sign",
+  flair: "sign",
+  sulcal_bottom: "sign",
+  certainty: "certainty",
+} as const;
+export type Field = keyof typeof TEMPLATE;
+export const FIELDS = Object.keys(TEMPLATE) as readonly Field[];
+export type Template = { readonly [Of in Field]?: string };
+
+/** What a reader writes: as text, and in fixed words. */
 export interface Written {
   readonly conclusion: string;
+  readonly template: Template;
 }
 
 export interface Reading extends Written {

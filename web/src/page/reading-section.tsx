@@ -3,24 +3,33 @@
 import { useEffect, useState } from "preact/hooks";
 
 import { ask, plainName } from "../base/api.ts";
-import { gyrusWords, moment, number, t } from "../base/i18n.ts";
+import { type Key, gyrusWords, moment, namesOf, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { type Finding, middleOf, numbered } from "../model/findings.ts";
 import {
+  FIELDS,
+  type Field,
   LONGEST_CONCLUSION,
   type ListedReading,
   type Reading,
   SAME_PLACE_MM,
+  TEMPLATE,
   compared,
   ofOthers,
 } from "../model/readings.ts";
 import { isNamed, mayWrite } from "../store/holder.ts";
 import { confirmSign, open } from "./dialogs.tsx";
-import { Button, type OfStore, Quiet, Row, Section, Status, Written } from "./fields.tsx";
+import { Button, ChoiceLine, type OfStore, Quiet, Row, Section, Status, Written } from "./fields.tsx";
 
 /** A reader as people know them. */
 const nameOf = ({ reader }: { readonly reader: string }): string => plainName({ name: reader });
+
+/** What may be stated in a field of a template: all that the page has words for, but for what is no choice of a reader's. */
+const choicesOf = (field: Field): readonly string[] =>
+  namesOf(`${TEMPLATE[field]}.`).filter((name) => !/^(about|middle|unknown)$/.test(name));
+
+const wordOf = (field: Field, word: string): string => t(`${TEMPLATE[field]}.${word}` as Key);
 
 const momentOf = ({ signed_at }: { readonly signed_at?: string }): string => (signed_at ? moment(signed_at) : "–");
 
@@ -43,6 +52,7 @@ export function ReadingSection({ store }: OfStore) {
 function Own({ store }: OfStore) {
   const { reading, findings } = store;
   const mine = reading.mine.value;
+  const { conclusion, template } = reading.value.value;
   const isSigned = reading.isSigned.value;
   const sign = async (): Promise<void> => {
     if (!mine) return;
@@ -59,11 +69,30 @@ function Own({ store }: OfStore) {
           rows={4}
           placeholder={t("reading.conclusion")}
           aria-label={t("reading.conclusion")}
-          value={reading.value.value.conclusion}
+          value={conclusion}
           most={LONGEST_CONCLUSION}
           excessWords={(values) => t("reading.excess", values)}
-          onType={(conclusion) => reading.change({ conclusion })}
+          onType={(conclusion) => reading.write({ conclusion })}
         />
+        <details>
+          <summary>{t("template.title")}</summary>
+          <div class="group-part">
+            {FIELDS.map((field) => (
+              <ChoiceLine
+                key={field}
+                id={`template-${field}`}
+                label={t(`template.${field}`)}
+                values={["", ...choicesOf(field)]}
+                value={template[field] ?? ""}
+                words={(word) => (word ? wordOf(field, word) : "–")}
+                onChoose={(word) => {
+                  const { [field]: _before, ...others } = template;
+                  reading.write({ template: { ...others, ...(word && { [field]: word }) } });
+                }}
+              />
+            ))}
+          </div>
+        </details>
       </fieldset>
       {mine && isSigned && (
         <p class="signed">
@@ -84,7 +113,7 @@ function Own({ store }: OfStore) {
           </Button>
         ) : (
           <Button
-            disabled={!mine || !findings.isRead.value || !reading.isBegun.value || reading.isBusy.value}
+            disabled={!mine || !findings.sync.isRead.value || !reading.isBegun.value || reading.isBusy.value}
             onClick={() => void sign()}
           >
             {t("reading.sign")}
@@ -158,9 +187,15 @@ function Both({ store: { reading, shown }, other }: OfStore & { readonly other: 
       </thead>
       <tbody>
         <tr class="conclusions">
-          {both.map(({ conclusion }, at) => (
+          {both.map(({ conclusion, template }, at) => (
             <td key={at} dir="auto">
               {conclusion}
+              {FIELDS.map(
+                (field) =>
+                  template[field] && (
+                    <p key={field}>{`${t(`template.${field}`)}: ${wordOf(field, template[field])}`}</p>
+                  ),
+              )}
             </td>
           ))}
         </tr>

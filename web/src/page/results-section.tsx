@@ -133,24 +133,25 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
   });
 
   /** Does something with the result; nothing else can be asked for meanwhile. */
-  const work = async (step: () => Promise<void>): Promise<void> => {
+  const work = async (step: (body: object) => Promise<void>): Promise<void> => {
     setBusy(true);
     say(t("pacs.drawing"));
     try {
       // The server makes them of what it has.
-      if (kind === "findings" || kind === "finding-segments") await findings.sync.flush();
-      await step();
+      if (!isPicture) await findings.sync.flush();
+      const reading = kind === "findings" || kind === "report" ? await store.reading.reported() : null;
+      await step({ ...body, ...(reading && { reading }) });
     } catch (problem) {
       say(problemWords(problem));
     }
     setBusy(false);
   };
-  const save = async (): Promise<void> => {
-    saveFile(await postForFile(path, body), `${fileStem(shown)}-${kind}.dcm`);
+  const save = async (asked: object): Promise<void> => {
+    saveFile(await postForFile(path, asked), `${fileStem(shown)}-${kind}.dcm`);
     say(t("pacs.saved"));
   };
-  const deliver = async (): Promise<void> => {
-    let result = await post<Sending>(path, { ...body, node });
+  const deliver = async (asked: object): Promise<void> => {
+    let result = await post<Sending>(path, { ...asked, node });
     while (isOpen.current && (result.state === "queued" || result.state === "running")) {
       say(sendingWords(result));
       await wait(LOOK_AGAIN_MS);

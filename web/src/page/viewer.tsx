@@ -158,7 +158,7 @@ export class Viewer {
   /** Reads what is stored, and goes to the finding that the address names. */
   async #readFindings(): Promise<void> {
     const { store } = this;
-    const isRead = await store.findings.load();
+    const isRead = await store.findings.sync.load();
     const id = this.#finding;
     if (!id || !isRead || store.isOver) return;
     this.#finding = "";

@@ -72,8 +72,6 @@ export class Findings {
   #writing: { readonly field: string; readonly step: Step } | null = null;
   #flows: Flows | null = null;
   #walking = 0;
-  /** Whether all that is stored is here. */
-  readonly isRead: ReadonlySignal<boolean>;
   readonly #ends: readonly (() => void)[];
   readonly #looking: number;
 
@@ -83,10 +81,7 @@ export class Findings {
     this.#depthAt = depthAt;
     const path = `v1/cases/${view.shown.id}/findings`;
     this.sync = resumed(path, () => new FindingsSync(path));
-    this.list = this.sync.value;
-    this.status = this.sync.status;
-    this.doubled = this.sync.doubled;
-    this.isRead = this.sync.isRead;
+    ({ value: this.list, status: this.status, doubled: this.doubled } = this.sync);
     this.#ends = [
       effect(() => this.#draw()),
       // Where the mark comes to a finding, that one is unfolded.
@@ -101,11 +96,6 @@ export class Findings {
     this.#looking = window.setInterval(() => {
       if (!document.hidden) this.sync.look().catch(() => {});
     }, LOOK_MS);
-  }
-
-  /** Whether what is stored could be read. */
-  load(): Promise<boolean> {
-    return this.sync.load();
   }
 
   dispose(): void {

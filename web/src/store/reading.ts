@@ -6,7 +6,13 @@ import { Problem, ask, send } from "../base/api.ts";
 import { t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { type Finding, areSame } from "../model/findings.ts";
-import { LONGEST_CONCLUSION, type ListedReading, type Reading as Kept, type Written } from "../model/readings.ts";
+import {
+  FIELDS,
+  LONGEST_CONCLUSION,
+  type ListedReading,
+  type Reading as Kept,
+  type Written,
+} from "../model/readings.ts";
 import { plainText } from "../model/text.ts";
 import { announce } from "./announce.ts";
 import { holder, isNamed, mayWrite } from "./holder.ts";
@@ -35,7 +41,7 @@ export class Reading extends Sync<Written> {
   readonly #others = new Map<string, Written>();
 
   private constructor(path: string, findings: ReadonlySignal<readonly Finding[]>) {
-    super(path, { conclusion: "" });
+    super(path, { conclusion: "", template: {} });
     this.#findings = findings;
   }
 
@@ -56,17 +62,27 @@ export class Reading extends Sync<Written> {
   }
 
   protected override areSame(one: Written, other: Written): boolean {
-    return plain(one) === plain(other);
+    return plain(one) === plain(other) && FIELDS.every((field) => one.template[field] === other.template[field]);
   }
 
   protected override joined(base: Written, here: Written, there: Written): Written {
-    if (this.areSame(here, base)) return there;
-    if (this.areSame(there, base) || this.areSame(there, here)) return here;
-    return { conclusion: [there, here].map(plain).filter(Boolean).join("\n\n") };
+    const [before, own, other] = [base, here, there].map(plain);
+    const conclusion =
+      own === before || own === other
+        ? there.conclusion
+        : other === before
+          ? here.conclusion
+          : [other, own].filter(Boolean).join("\n\n");
+    const chosen = FIELDS.map((field) => {
+      const { [field]: word } = here.template[field] === base.template[field] ? there.template : here.template;
+      return [field, word] as const;
+    });
+    return { conclusion, template: Object.fromEntries(chosen.filter(([, word]) => word)) };
   }
 
   protected override bodyOf(written: Written): Seen {
-    return { conclusion: plain(written), findings: isConcluded(written) ? this.#findings.peek() : [] };
+    const findings = isConcluded(written) ? this.#findings.peek() : [];
+    return { conclusion: plain(written), template: written.template, findings };
   }
 
   protected override valueOf(answer: unknown): Written {
@@ -85,6 +101,11 @@ export class Reading extends Sync<Written> {
     const { readings } = await ask<{ readonly readings: readonly ListedReading[] }>(this.path.replace(/\/mine$/, ""));
     this.all.value = readings;
     if (isNamed.peek() && mayWrite.peek()) await super.readAll();
+  }
+
+  /** Shows a change of what is written, and keeps it. */
+  write(change: Partial<Written>): void {
+    this.change({ ...this.value.peek(), ...change });
   }
 
   /** What is shown now, to be signed. */
@@ -138,4 +159,5 @@ export class Reading extends Sync<Written> {
 }
 
 const plain = ({ conclusion }: Written): string => plainText(conclusion, LONGEST_CONCLUSION);
-const isConcluded = ({ conclusion }: Written): boolean => conclusion.trim() !== "";
+const isConcluded = ({ conclusion, template }: Written): boolean =>
+  conclusion.trim() !== "" || Object.keys(template).length > 0;

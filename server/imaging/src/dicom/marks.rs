@@ -286,7 +286,8 @@ mod tests {
     use super::*;
     use crate::dicom::Attributes;
     use crate::dicom::write::{
-        About, Algorithm, Head, Property, Segment, WriteError, measurement_report, segmentation,
+        About, Algorithm, Conclusion, Head, Property, Segment, WriteError, measurement_report,
+        segmentation,
     };
     use geometry::{Grid, Mask};
     use glam::DVec3;
@@ -325,7 +326,7 @@ mod tests {
     }
 
     fn written(source: &Attributes, marks: &[Mark]) -> Result<Vec<u8>, WriteError> {
-        measurement_report(&head(source), marks)
+        measurement_report(&head(source), marks, None)
     }
 
     /// Segments, of findings if they have any.
@@ -404,6 +405,62 @@ mod tests {
             author: Some("somebody".to_owned()),
             case: Some("0123".to_owned()),
         }
+    }
+
+    #[test]
+    fn what_a_reader_concludes_stands_beside_the_findings_in_codes() {
+        let source = source();
+        let conclusion = Conclusion {
+            reader: "ana^silva".to_owned(),
+            signed_at: Some("2026-11-28T10:20:30Z".to_owned()),
+            text: "Blurred gyrus.\nElse nothing.".to_owned(),
+            stated: vec![
+                ("side", "left"),
+                ("lobe", "temporal"),
+                ("gyrus", "insula"),
+                ("blur", "present"),
+                ("flair", "absent"),
+                ("certainty", "probable"),
+            ],
+        };
+        let all = [mark("point", &[[0.0, 0.0, 1.0]])];
+        let written = measurement_report(&head(&source), &all, Some(&conclusion)).unwrap();
+        assert_eq!(marks(&written).unwrap().marks, all);
+        let report = dicom_object::from_reader(&written[..]).unwrap();
+        let evaluations = item_named(&report, code::QUALITATIVE_EVALUATIONS).unwrap();
+        let coded = |item: &InMemDicomObject, name| {
+            let item = item_named(item, name)?;
+            let value = items(item, tags::CONCEPT_CODE_SEQUENCE).first()?;
+            text(value, tags::CODE_VALUE)
+        };
+        let site = item_named(evaluations, code::FINDING_SITE).unwrap();
+        for (item, name, value) in [
+            (evaluations, code::FINDING_SITE, Some("78277001")),
+            (site, code::LATERALITY, Some("7771000")),
+            (evaluations, code::BLUR, Some("52101004")),
+            (evaluations, code::FLAIR, Some("272519000")),
+            (evaluations, code::THICKENING, None),
+            (evaluations, code::CERTAINTY, Some("probable")),
+            (evaluations, code::OBSERVER_TYPE, Some("121006")),
+        ] {
+            assert_eq!(coded(item, name).as_deref(), value, "{}", name.meaning);
+        }
+        let said = |name, tag| {
+            let value = item_named(evaluations, name)?.get(tag)?.to_str().ok()?;
+            Some(value.trim_end_matches(['\0', ' ']).to_owned())
+        };
+        for (name, tag, value) in [
+            (code::CONCLUSION, tags::TEXT_VALUE, &*conclusion.text),
+            (code::GYRUS_OF_READER, tags::TEXT_VALUE, "insula"),
+            (code::PERSON_OBSERVER_NAME, tags::PERSON_NAME, "ana silva"),
+        ] {
+            assert_eq!(said(name, tag).as_deref(), Some(value));
+        }
+        // A conclusion needs no finding.
+        let alone = measurement_report(&head(&source), &[], Some(&conclusion)).unwrap();
+        let alone = dicom_object::from_reader(&alone[..]).unwrap();
+        assert!(item_named(&alone, code::IMAGING_MEASUREMENTS).is_none());
+        assert!(item_named(&alone, code::QUALITATIVE_EVALUATIONS).is_some());
     }
 
     #[test]

@@ -7,10 +7,11 @@ use axum::http::StatusCode;
 use case::findings::Finding;
 use case::series::Uid;
 use case::{Case, CaseFacts, CaseId, Closed, LayerId, QualityState};
+use cases::readings::KeptReading;
 use cases::report::{AskedReport, ReportSubject};
 use cases::{Cases, Error, Patient};
 use imaging::dicom::Attributes;
-use imaging::dicom::write::{self, Head, KeyObjectTitle, Listed, WriteError, uid_of};
+use imaging::dicom::write::{self, Conclusion, Head, KeyObjectTitle, Listed, WriteError, uid_of};
 use render::{Frame, FrameSize, PixelFormat, SHORT_NOTICE, encode_png};
 use report::ReportFormat;
 
@@ -54,7 +55,7 @@ enum Content {
     Pictures(Drawing),
     Mask(MaskPlan),
     KeyObject(KeyObjectTitle, Vec<Listed>),
-    Findings(FindingsPlan, Vec<Finding>),
+    Findings(FindingsPlan, Vec<Finding>, Option<Conclusion>),
     /// As PDF.
     Report(Bytes),
 }
@@ -69,6 +70,7 @@ impl Composer {
         id: CaseId,
         asked: &ResultRequest,
         plan: Plan,
+        reading: Option<(KeptReading, String)>,
     ) -> Result<Self, AppError> {
         let cases = pacs.cases();
         let facts = cases.ready(&id).await?;
@@ -110,20 +112,24 @@ impl Composer {
             }
             Plan::Findings(plan) => {
                 value(&source, "FrameOfReferenceUID").ok_or_else(no_frame_of_reference)?;
-                let findings = findings::read(cases, &id, plan).await?;
-                let outline = findings::outline(plan, &findings);
-                (Content::Findings(plan, findings), outline)
+                let findings = findings::read(cases, &id, plan, reading.as_ref()).await?;
+                let outline = findings::outline(plan, &findings, reading.as_ref());
+                let conclusion = reading.map(findings::conclusion);
+                (Content::Findings(plan, findings, conclusion), outline)
             }
             Plan::Report(query) => {
                 // Known before they are drawn: one that is withdrawn meanwhile is noticed. What is closed already is not shown.
                 let mut layers = cases.layers(&id).await?;
                 layers.retain(|layer| layer.closed.is_none());
-                let made_at = findings::last_change(&cases.findings(&id).await?.list);
+                let made_at = match &reading {
+                    Some(of) => findings::last_change(&of.0.reading.findings).max(of.0.signed_at),
+                    None => findings::last_change(&cases.findings(&id).await?.list),
+                };
                 let report = AskedReport {
                     query,
                     format: ReportFormat::Pdf,
                     subject: ReportSubject::Named(&source),
-                    reading: None,
+                    reading,
                 };
                 let pdf = cases.report(&id, report).await?;
                 let outline = Outline {
@@ -248,10 +254,10 @@ impl Composer {
             Content::KeyObject(title, listed) => {
                 Box::new(move |head| write::key_object(head, title, &listed))
             }
-            Content::Findings(FindingsPlan::Report, findings) => {
-                Box::new(move |head| findings::report(head, &id, &findings))
+            Content::Findings(FindingsPlan::Report, findings, conclusion) => {
+                Box::new(move |head| findings::report(head, &id, &findings, conclusion.as_ref()))
             }
-            Content::Findings(FindingsPlan::Segments, findings) => {
+            Content::Findings(FindingsPlan::Segments, findings, _) => {
                 Box::new(move |head| findings::segments(head, &id, &findings, &facts))
             }
             Content::Report(pdf) => {

@@ -3,8 +3,11 @@
 use case::findings::Finding;
 use case::{CaseFacts, CaseId, PatientSide, StandardPosition};
 use cases::Cases;
+use cases::readings::KeptReading;
 use http::problem::AppError;
-use imaging::dicom::write::{self, Algorithm, Head, Property, Segment, WriteError, uid_of};
+use imaging::dicom::write::{
+    self, Algorithm, Conclusion, Head, Property, Segment, WriteError, uid_of,
+};
 use imaging::dicom::{Attributes, Mark, Side, StandardText};
 use jiff::Timestamp;
 use pipeline::findings::voxels_of;
@@ -20,13 +23,18 @@ pub(super) async fn read(
     cases: &Cases,
     id: &CaseId,
     plan: FindingsPlan,
+    reading: Option<&(KeptReading, String)>,
 ) -> Result<Vec<Finding>, AppError> {
-    let mut list = cases.findings(id).await?.list;
+    let mut list = match reading {
+        Some((kept, _)) => kept.reading.findings.clone(),
+        None => cases.findings(id).await?.list,
+    };
     list.retain(|finding| !finding.is_unconfirmed);
     if plan == FindingsPlan::Segments {
         list.retain(Finding::is_kept);
     }
-    if list.is_empty() {
+    let is_concluded = reading.is_some_and(|(kept, _)| kept.reading.is_concluded());
+    if list.is_empty() && !is_concluded {
         return Err(refuse(
             "no-findings",
             "the case has no findings, or only dismissed or unconfirmed ones; mark or confirm something first",
@@ -35,14 +43,22 @@ pub(super) async fn read(
     Ok(list)
 }
 
-pub(super) fn outline(plan: FindingsPlan, findings: &[Finding]) -> Outline {
+pub(super) fn outline(
+    plan: FindingsPlan,
+    findings: &[Finding],
+    reading: Option<&(KeptReading, String)>,
+) -> Outline {
     let (class, shown) = match plan {
         FindingsPlan::Report => (write::MEASUREMENT_REPORT, "findings"),
         FindingsPlan::Segments => (write::SEGMENTATION, "findings as segments"),
     };
     Outline {
-        made_by: serde_json::to_string(findings).unwrap_or_default(),
-        made_at: last_change(findings),
+        made_by: match reading {
+            // It names what it has and whether it is signed.
+            Some((kept, _)) => kept.tag.to_string(),
+            None => serde_json::to_string(findings).unwrap_or_default(),
+        },
+        made_at: last_change(findings).max(reading.and_then(|(kept, _)| kept.signed_at)),
         derivation: format!(
             "Places that a reader has marked, with a brush of 3 mm. {}",
             *COMMENT
@@ -105,17 +121,28 @@ fn standard(finding: &Finding) -> StandardText {
     }
 }
 
-/// Findings of a case as a measurement report.
+/// What a reader concludes, as a report states it.
+pub(super) fn conclusion((kept, reader): (KeptReading, String)) -> Conclusion {
+    Conclusion {
+        reader,
+        signed_at: kept.signed_at.map(|at| at.to_string()),
+        stated: kept.reading.template.stated().collect(),
+        text: kept.reading.conclusion,
+    }
+}
+
+/// Findings of a case as a measurement report, with what a reader concludes.
 pub(super) fn report(
     head: &Head<'_>,
     id: &CaseId,
     findings: &[Finding],
+    conclusion: Option<&Conclusion>,
 ) -> Result<Vec<u8>, WriteError> {
     let marks: Vec<_> = findings
         .iter()
         .map(|each| mark(id, head.source, each))
         .collect();
-    write::measurement_report(head, &marks)
+    write::measurement_report(head, &marks, conclusion)
 }
 
 /// Findings of a case as segments.

@@ -9,6 +9,7 @@ mod moment;
 mod outline;
 pub(crate) mod request;
 
+use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::rejection::BytesRejection;
 use axum::extract::{Path, State};
@@ -24,6 +25,8 @@ use self::request::ResultRequest;
 use crate::error::ReasonView;
 use crate::state::Pacs;
 use crate::values::{NewResult, NotValid, SentResult};
+use access::proxy::plain_name;
+use access::tokens::Holder;
 use http::fresh::{fresh_json, made_at};
 use http::negotiate::media_type;
 use http::problem::AppError;
@@ -85,7 +88,7 @@ impl From<SentResult> for ResultView {
 /// A result as DICOM
 ///
 /// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), the envelope or the brain mask (Segmentation on the slices of the source), what readers have marked
-/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding), the report of a reading (Encapsulated PDF), or a rejection note of results that were sent (Key Object Selection). Patient and study
+/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding; the SR has the conclusion of a `reading`, if one is asked for), the report of a reading (Encapsulated PDF), or a rejection note of results that were sent (Key Object Selection). Patient and study
 /// are those of the source. Without `node`, the answer is the object, or its picture for `Accept: image/png`; with `node`, the object is kept and sent there by
 /// STOW-RS or C-STORE, again and again for about ten minutes if the node does not answer. Equal requests give one object.
 #[utoipa::path(
@@ -100,15 +103,16 @@ impl From<SentResult> for ResultView {
             ("Location" = String, description = "The address of its state"), ("Retry-After" = u32, description = "Seconds to wait before the first request for it"),
         )),
         (status = 400, description = "The body cannot be read, or a value is invalid"),
-        (status = 404, description = "No such case, or no node has this name"),
+        (status = 404, description = "No such case, no node has this name, or no such reading (`no-such-reading`)"),
         (status = 406, description = "A segmentation, findings, a report and a rejection note have no picture"),
-        (status = 409, description = "The case is not ready, it is closed (`closed`), the PACS has images of its series or study as another patient's (`several-patients`), or the result was withdrawn (`withdrawn`)"),
+        (status = 409, description = "The case is not ready, it is closed (`closed`), the reading is of somebody else and whoever asks has not signed their own (`reading-hidden`), the PACS has images of its series or study as another patient's (`several-patients`), or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn create_result(
     State(pacs): State<Pacs>,
+    Extension(holder): Extension<Holder>,
     Path(id): Path<String>,
     headers: HeaderMap,
     body: Result<Bytes, BytesRejection>,
@@ -121,7 +125,15 @@ pub(crate) async fn create_result(
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;
     let plan = asked.plan()?;
-    let composer = Composer::begin(&pacs, id, &asked, plan).await?;
+    let reading = match &asked.reading {
+        None => None,
+        Some(reader) => {
+            let asker = holder.is_named().then_some(&*holder.name);
+            let kept = pacs.cases().reading(&id, asker, reader, None).await?;
+            Some((kept, plain_name(reader).to_owned()))
+        }
+    };
+    let composer = Composer::begin(&pacs, id, &asked, plan, reading).await?;
     let store = pacs.store();
     let instance = composer.instance();
     if is_preview {

@@ -75,6 +75,10 @@ pub(crate) struct ResultRequest {
     /// The language of a report, and whether it names the patient on its pages.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) report: Option<ReportQuery>,
+    /// The reader of the reading that a report, or findings as a measurement report, are of: as in `…/readings/by/{reader}`. Without one, they are those of
+    /// the case, and nobody's conclusion is in them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) reading: Option<String>,
     /// The node of the configuration to which it is sent; without one, the answer is the object.
     #[serde(default, skip_serializing)]
     pub(crate) node: Option<String>,
@@ -321,6 +325,9 @@ impl ResultRequest {
         is_for(What::Sheet, "sheet", self.sheet.is_some())?;
         is_for(What::KeyObject, "key_object", self.key_object.is_some())?;
         is_for(What::Report, "report", self.report.is_some())?;
+        if self.what != What::Findings {
+            is_for(What::Report, "reading", self.reading.is_some())?;
+        }
         let render = self.render.clone().unwrap_or_else(|| PictureRequest {
             annotate: true,
             ..PictureRequest::default()
@@ -455,6 +462,10 @@ mod tests {
             (r#"{"what": "view", "sheet": {}}"#, "`sheet`"),
             (r#"{"what": "findings", "report": {}}"#, "`report`"),
             (r#"{"what": "report", "render": {}}"#, "`render`"),
+            (
+                r#"{"what": "finding-segments", "reading": "ana"}"#,
+                "`reading`",
+            ),
             (
                 r#"{"what": "view", "render": {"depth_mm": -1}}"#,
                 "`render.depth_mm`",

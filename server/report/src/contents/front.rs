@@ -55,9 +55,15 @@ impl Report {
         if let Some(reading) = &self.reading {
             let lines = reading.conclusion.lines();
             let written = lines.filter(|line| !line.trim().is_empty());
-            return written
-                .map(|line| Block::Large(Line::foreign(line)))
-                .collect();
+            let written = written.map(|line| Block::Large(Line::foreign(line)));
+            let template = reading.template.stated();
+            let template = template.map(|(field, word)| {
+                let value = words.template_word(field, word);
+                (words.template_field(field), value.into())
+            });
+            let template: Facts = template.collect();
+            let template = (!template.is_empty()).then_some(Block::Facts(template));
+            return written.chain(template).collect();
         }
         if self.findings.is_empty() {
             return vec![Block::Large(words.no_findings.into())];

@@ -559,13 +559,25 @@ mod tests {
 
     #[test]
     fn the_conclusion_of_a_reading_stands_first_and_above_its_signature() {
-        for (language, signed) in [
+        for (language, template, signed) in [
             (
                 Language::English,
+                [
+                    "<th>Side</th><td>Left</td>",
+                    "<th>Gyrus</th><td>insula</td>",
+                    "<th>Bright in FLAIR</th><td>absent</td>",
+                    "<th>Certainty</th><td>possible</td>",
+                ],
                 "Signed by <bdi>ana &lt;b&gt;</bdi> on 2026-11-28 at 10:20 UTC",
             ),
             (
                 Language::Portuguese,
+                [
+                    "<th>Lateralidade</th><td>Esquerda</td>",
+                    "<th>Giro</th><td>ínsula</td>",
+                    "<th>Hipersinal no FLAIR</th><td>ausente</td>",
+                    "<th>Certeza</th><td>possível</td>",
+                ],
                 "Assinado por <bdi>ana &lt;b&gt;</bdi> em 2026-11-28 às 10:20 UTC",
             ),
         ] {
@@ -573,6 +585,11 @@ mod tests {
             report.reading = Some(crate::ReportedReading {
                 reader: "ana <b>".to_owned(),
                 conclusion: "Thick gyrus\n\nnothing <else>".to_owned(),
+                template: serde_json::from_value(json!({
+                    "side": "left", "lobe": "temporal", "gyrus": "insula", "blur": "present", "flair": "absent",
+                    "certainty": "possible",
+                }))
+                .unwrap(),
                 signed_at: None,
             });
             let first = |report: &Report| {
@@ -585,6 +602,10 @@ mod tests {
                 assert_eq!(open.matches(line).count(), 1, "{open}");
             }
             assert_eq!(open.matches(r#"class="large"#).count(), 2);
+            for row in template {
+                assert!(open.contains(row), "{row} in {open}");
+            }
+            assert!(!open.contains(language.words().template_field("thickening")));
             assert!(open.contains("ana &lt;b&gt;") && !open.contains("2026-11-28"));
             let unsigned = format!("<td>{}</td>", language.words().unsigned);
             let text = report.contents().text();

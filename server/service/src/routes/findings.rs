@@ -27,7 +27,7 @@ use http::problem::{AppError, Problem};
 use http::query::{ApiQuery, NoQuery};
 use http::sent::json_body_within;
 
-const CSV: &str = "text/csv";
+pub(super) const CSV: &str = "text/csv";
 const DICOM: &str = "application/dicom";
 
 /// The longest list of findings, in bytes.

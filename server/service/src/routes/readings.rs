@@ -7,18 +7,22 @@ use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use case::findings::Finding;
-use case::readings::Reading;
+use case::readings::{Reading, Template};
 use cases::readings::{KeptReading, has_signed};
 use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::findings::MAX_BYTES;
-use super::versioned::{Versioned, answer, as_json, known_tags, precondition_required};
+use super::candidates::quoted;
+use super::findings::{CSV, MAX_BYTES};
+use super::versioned::{
+    JSON, Versioned, answer, as_json, known_tags, precondition_required, represented,
+};
 use crate::routes::asked::CasePath;
 use access::tokens::Holder;
 use http::conditional::EntityTag;
 use http::fresh::fresh_json;
+use http::negotiate::{Coding, media_type};
 use http::problem::{AppError, Problem};
 use http::query::{ApiQuery, Asked, NoQuery};
 use http::sent::json_body_within;
@@ -80,6 +84,8 @@ pub struct ShownReading {
     conclusion: String,
     /// Those that the conclusion rests on.
     findings: Vec<Finding>,
+    /// The conclusion in fixed words.
+    template: Template,
 }
 
 impl From<KeptReading> for ShownReading {
@@ -91,6 +97,7 @@ impl From<KeptReading> for ShownReading {
             signed_at: kept.signed_at.map(|at| at.to_string()),
             conclusion: kept.reading.conclusion,
             findings: kept.reading.findings,
+            template: kept.reading.template,
         }
     }
 }
@@ -183,7 +190,8 @@ pub async fn list_readings(
 
 /// The reading of a reader
 ///
-/// The last version of one's own, or the last signed one of somebody else, or the version that the query names.
+/// The last version of one's own, or the last signed one of somebody else, or the version that the query names. As JSON, or with `Accept: text/csv` as a row
+/// with the conclusion and the template.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/readings/by/{reader}", tag = "findings",
     params(
@@ -192,7 +200,7 @@ pub async fn list_readings(
         ReadingQuery,
     ),
     responses(
-        (status = 200, description = "The reading", body = ShownReading, headers(("ETag" = String, description = "For `If-None-Match`"))),
+        (status = 200, description = "The reading", content((ShownReading = "application/json"), (String = "text/csv")), headers(("ETag" = String, description = "For `If-None-Match`"))),
         (status = 404, description = "There is no such case, or no such reading (`no-such-reading`)"),
         (status = 409, description = "It is of somebody else, and whoever asks has not signed their own (`reading-hidden`)"),
     )
@@ -209,7 +217,34 @@ pub async fn get_reading(
     let (_, reader) = reader.ok_or(Error::NoSuchReading)?;
     let asker = named(&holder).ok();
     let reading = cases.reading(&id, asker, reader, asked.version).await?;
-    as_json(reading)?.respond(&request)
+    shown(reading, &request)
+}
+
+/// A reading as JSON or as CSV.
+fn shown(reading: KeptReading, request: &HeaderMap) -> Result<Response, AppError> {
+    if media_type(request, &[JSON, CSV])? == JSON {
+        return as_json(reading)?.respond(request);
+    }
+    let body = Bytes::from(csv(&reading));
+    let tag = EntityTag::of_bytes(&body, Coding::Identity);
+    represented(tag, CSV, body).respond(request)
+}
+
+/// A row with the conclusion and the template.
+fn csv(kept: &KeptReading) -> String {
+    let head = ["reader", "version", "signed_at", "conclusion"];
+    let head = [&head[..], &Template::FIELDS].concat().join(",");
+    let signed_at = kept.signed_at.map(|at| at.to_string());
+    let row = [
+        quoted(&kept.reader),
+        kept.version.to_string(),
+        signed_at.unwrap_or_default(),
+        quoted(&kept.reading.conclusion),
+    ];
+    let words = kept.reading.template.words();
+    let words = words.map(|word| word.unwrap_or_default().to_owned());
+    let row = [&row[..], &words].concat().join(",");
+    format!("{head}\r\n{row}\r\n")
 }
 
 /// One's own reading
@@ -237,7 +272,7 @@ pub async fn get_own_reading(
 
 /// Keep one's own reading
 ///
-/// The conclusion, and the findings that it rests on. Nobody else sees it before it is signed. `If-Match` must have the `ETag` of the reading that the
+/// The conclusion, as text and in the fixed words of the template, and the findings that it rests on. Nobody else sees it before it is signed. `If-Match` must have the `ETag` of the reading that the
 /// client has changed; otherwise the answer is 412, with the reading as it is. If that one is signed, this is its correction: the next version, which is open.
 #[utoipa::path(
     put, path = "/v1/cases/{id}/readings/mine", tag = "findings",
@@ -274,7 +309,7 @@ pub async fn put_own_reading(
 /// Sign one's own reading
 ///
 /// Nobody changes this version any more; `PUT` begins the next one. Others see it once they have signed their own. The audit record has
-/// each signature. The conclusion must not be empty. `If-Match` must have the `ETag` of the reading as the reader has it; otherwise the answer is 412, with the reading as it is.
+/// each signature. The conclusion must not be empty, unless the template states something. `If-Match` must have the `ETag` of the reading as the reader has it; otherwise the answer is 412, with the reading as it is.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/readings/mine/signature", tag = "findings",
     params(

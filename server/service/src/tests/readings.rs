@@ -266,6 +266,37 @@ async fn a_reading_that_is_emptied_leaves_the_case_as_it_was() {
 }
 
 #[tokio::test]
+async fn a_template_is_kept_reported_and_written_as_a_row() {
+    let (server, case, _) = with_readers().await;
+    let template =
+        json!({ "side": "left", "lobe": "temporal", "blur": "present", "certainty": "probable" });
+    let reading = json!({ "conclusion": "Thick, \"left\"", "findings": [], "template": template });
+    let kept = begun(&server, ANA, &case, &reading).await;
+    assert_eq!(kept.json()["template"], template);
+    let headers = [("authorization", ANA), ("accept", "text/csv")];
+    let address = format!("{case}/readings/by/ana");
+    let row = server.get_with(&address, &headers).await;
+    assert_eq!(row.header("content-type"), "text/csv; charset=utf-8");
+    assert_eq!(
+        String::from_utf8_lossy(&row.body),
+        "reader,version,signed_at,conclusion,side,lobe,gyrus,blur,thickening,transmantle,flair,sulcal_bottom,certainty\r\n\
+         \"ana\",1,,\"Thick, \"\"left\"\"\",left,temporal,,present,,,,,probable\r\n"
+    );
+    // Fixed words alone are a conclusion, too.
+    let alone = json!({ "conclusion": "", "findings": [], "template": { "side": "right" } });
+    let kept = put(&server, ANA, &case, kept.header("etag"), &alone).await;
+    let signed = sign(&server, ANA, &case, kept.header("etag")).await;
+    assert_eq!(signed.status, 200, "{signed:?}");
+    let report = format!("{case}/report?reading=ana&language=pt-BR");
+    let report = get(&server, ANA, &report).await;
+    let report = String::from_utf8_lossy(&report.body).into_owned();
+    assert!(report.contains("<th>Lateralidade</th><td>Direita</td>"));
+    let wrong = json!({ "conclusion": "", "findings": [], "template": { "side": "middle" } });
+    let wrong = put(&server, ANA, &case, signed.header("etag"), &wrong).await;
+    assert_eq!(wrong.refusal(), (400, "body-unreadable".to_owned()));
+}
+
+#[tokio::test]
 async fn nobody_writes_into_the_reading_of_another_one_on_the_same_page() {
     let (server, case, _) = with_readers().await;
     let address = format!("{case}/readings/mine");

@@ -17,18 +17,36 @@ const CLASS: &str = uids::COMPREHENSIVE3_DSR_STORAGE;
 /// How far a point may lie from the plane of a polygon, in mm: SCOORD3D polygons must be coplanar (PS3.3 C.18.9.1.2).
 const COPLANAR_MM: f64 = 1e-3;
 
-/// A Comprehensive 3D SR with a measurement group for each finding (PS3.3 A.35.13, PS3.16 TID 1500 and 1410).
+/// What a reader concludes.
+#[derive(Debug, Clone)]
+pub struct Conclusion {
+    /// As people know the reader.
+    pub reader: String,
+    /// RFC 3339; `None` while it is open.
+    pub signed_at: Option<String>,
+    /// Empty if it has fixed words alone.
+    pub text: String,
+    /// The fields of the template and their words.
+    pub stated: Vec<(&'static str, &'static str)>,
+}
+
+/// A Comprehensive 3D SR with a measurement group for each finding (PS3.3 A.35.13, PS3.16 TID 1500 and 1410), and what a reader
+/// concludes as qualitative evaluations.
 ///
 /// Coordinates have 32 bits. A polygon that is not plane is a closed polyline.
 ///
 /// # Errors
-/// If there is no finding, and if the source has no study or no frame of reference.
-pub fn measurement_report(head: &Head<'_>, marks: &[Mark]) -> Result<Vec<u8>, WriteError> {
+/// If there is neither a finding nor a conclusion, and if the source has no study or no frame of reference.
+pub fn measurement_report(
+    head: &Head<'_>,
+    marks: &[Mark],
+    conclusion: Option<&Conclusion>,
+) -> Result<Vec<u8>, WriteError> {
     let study = head.of_source("StudyInstanceUID");
     let study = study.ok_or(WriteError::NoStudy)?;
     let frame_of_reference = head.of_source("FrameOfReferenceUID");
     let frame_of_reference = frame_of_reference.ok_or(WriteError::NoFrameOfReference)?;
-    if marks.is_empty() {
+    if marks.is_empty() && conclusion.is_none() {
         return Err(WriteError::Empty);
     }
     let mut item = head.begin_document(CLASS, "SR")?;
@@ -59,8 +77,11 @@ pub fn measurement_report(head: &Head<'_>, marks: &[Mark]) -> Result<Vec<u8>, Wr
         );
     }
     let groups = marks.iter().map(|mark| group(mark, frame_of_reference));
-    let mut measurements = related("CONTAINS");
-    measurements.container(code::IMAGING_MEASUREMENTS, None, groups);
+    let measurements = (!marks.is_empty()).then(|| {
+        let mut measurements = related("CONTAINS");
+        measurements.container(code::IMAGING_MEASUREMENTS, None, groups);
+        measurements
+    });
     let language = coded("HAS CONCEPT MOD", code::LANGUAGE, code::ENGLISH);
     let observer = coded("HAS OBS CONTEXT", code::OBSERVER_TYPE, code::DEVICE);
     let mut device = content("HAS OBS CONTEXT", "UIDREF", code::DEVICE_OBSERVER_UID);
@@ -69,7 +90,10 @@ pub fn measurement_report(head: &Head<'_>, marks: &[Mark]) -> Result<Vec<u8>, Wr
     item.container(
         code::IMAGING_MEASUREMENT_REPORT,
         Some("1500"),
-        [language, observer, device, procedure, measurements],
+        [language, observer, device, procedure]
+            .into_iter()
+            .chain(measurements)
+            .chain(conclusion.map(evaluations)),
     );
     file(item, CLASS, head.instance_uid)
 }
@@ -95,7 +119,7 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
     let mut items = vec![
         text("HAS OBS CONTEXT", code::TRACKING_IDENTIFIER, &mark.id),
         uid,
-        site(mark.side),
+        site("HAS CONCEPT MOD", code::BRAIN, mark.side.map(of_side)),
         region(mark, frame_of_reference),
         number(code::DEPTH, mark.depth_mm, code::MILLIMETRES),
         word(code::KIND, &mark.kind),
@@ -140,14 +164,94 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
     group
 }
 
-/// Where it is: the brain, and its side if that is left or right.
-fn site(side: Option<Side>) -> Item {
-    let mut site = coded("HAS CONCEPT MOD", code::FINDING_SITE, code::BRAIN);
+/// What a reader concludes about the head. Places and answers have the codes of the contexts 7151, 244 and 240 of PS3.16; signs of a dysplasia have
+/// none there, and have ours.
+fn evaluations(conclusion: &Conclusion) -> Item {
+    let Conclusion {
+        reader,
+        signed_at,
+        text: written,
+        stated,
+    } = conclusion;
+    let word_of = |field: &str| {
+        let mut stated = stated.iter();
+        stated
+            .find(|(name, _)| *name == field)
+            .map(|(_, word)| *word)
+    };
+    let mut name = content("HAS OBS CONTEXT", "PNAME", code::PERSON_OBSERVER_NAME);
+    name.text(tags::PERSON_NAME, VR::PN, &person_name(reader));
+    let mut items = vec![
+        coded("HAS OBS CONTEXT", code::OBSERVER_TYPE, code::PERSON),
+        name,
+    ];
+    let lobe = word_of("lobe").map(|lobe| match lobe {
+        "frontal" => code::FRONTAL_LOBE,
+        "parietal" => code::PARIETAL_LOBE,
+        "temporal" => code::TEMPORAL_LOBE,
+        "occipital" => code::OCCIPITAL_LOBE,
+        "insula" => code::INSULA,
+        "cingulate" => code::CINGULATE_GYRUS,
+        "cerebellum" => code::CEREBELLUM,
+        _ => code::DEEP_NUCLEI,
+    });
+    let side = word_of("side").map(|side| match side {
+        "left" => code::LEFT,
+        "right" => code::RIGHT,
+        _ => code::BILATERAL,
+    });
+    if lobe.or(side).is_some() {
+        items.push(site("CONTAINS", lobe.unwrap_or(code::BRAIN), side));
+    }
+    for (name, field) in [
+        (code::BLUR, "blur"),
+        (code::THICKENING, "thickening"),
+        (code::TRANSMANTLE, "transmantle"),
+        (code::FLAIR, "flair"),
+        (code::SULCAL_BOTTOM, "sulcal_bottom"),
+    ] {
+        let answer = word_of(field).map(|answer| match answer {
+            "present" => code::PRESENT,
+            "absent" => code::ABSENT,
+            _ => code::UNDETERMINED,
+        });
+        items.extend(answer.map(|answer| coded("CONTAINS", name, answer)));
+    }
+    items.extend(word_of("certainty").map(|certainty| word(code::CERTAINTY, certainty)));
+    let texts = [
+        (code::GYRUS_OF_READER, word_of("gyrus")),
+        (code::CONCLUSION, Some(&**written)),
+        (code::SIGNED_AT, signed_at.as_deref()),
+    ];
+    for (name, value) in texts {
+        let value = value.filter(|value| !value.is_empty());
+        items.extend(value.map(|value| text("CONTAINS", name, value)));
+    }
+    let mut evaluations = related("CONTAINS");
+    evaluations.container(code::QUALITATIVE_EVALUATIONS, None, items);
+    evaluations
+}
+
+/// A name as a person's, whose parts `^` and `=` would divide: at most 64 characters.
+fn person_name(name: &str) -> String {
+    let plain = |letter| match letter {
+        '^' | '=' | '\\' => ' ',
+        letter => letter,
+    };
+    name.chars().map(plain).take(64).collect()
+}
+
+fn of_side(side: Side) -> Code<'static> {
+    match side {
+        Side::Left => code::LEFT,
+        Side::Right => code::RIGHT,
+    }
+}
+
+/// Where it is, and on which side if that is stated.
+fn site(relation: &str, place: Code<'_>, side: Option<Code<'_>>) -> Item {
+    let mut site = coded(relation, code::FINDING_SITE, place);
     if let Some(side) = side {
-        let side = match side {
-            Side::Left => code::LEFT,
-            Side::Right => code::RIGHT,
-        };
         let side = coded("HAS CONCEPT MOD", code::LATERALITY, side);
         site.items(tags::CONTENT_SEQUENCE, [side]);
     }

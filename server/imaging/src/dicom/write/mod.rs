@@ -22,7 +22,7 @@ pub use common::{Head, IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME, Wr
 pub use encapsulated::encapsulated_pdf;
 pub(in crate::dicom) use item::Code;
 pub use key_object::{KeyObjectTitle, Listed, key_object};
-pub use measurement_report::measurement_report;
+pub use measurement_report::{Conclusion, measurement_report};
 pub use picture::{Laterality, Picture, picture};
 pub use segmentation::{About, Algorithm, Property, Segment, segmentation};
 pub use syntax::{FileHead, file_head, implicit_file};
