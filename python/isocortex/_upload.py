@@ -40,7 +40,7 @@ _OTHERS = (
 
 
 def _files(folder: Path) -> Iterator[tuple[Path, str]]:
-    """The files of a folder and their names in an archive: of a subject the usual ones at their places, otherwise all, as numbers."""
+    """The files of a folder and their names in an archive: of a subject what is read, otherwise all as numbers."""
     if any((folder / name).is_file() for name in _VOLUMES):
         found = sorted(path for pattern in (*_VOLUMES, *_OTHERS) for path in folder.glob(pattern) if path.is_file())
         yield from ((path, path.relative_to(folder).as_posix()) for path in found)
@@ -51,7 +51,7 @@ def _files(folder: Path) -> Iterator[tuple[Path, str]]:
 
 @contextlib.contextmanager
 def opened(volume: Image) -> Iterator[IO[bytes]]:
-    """The bytes of a volume: of a file, of a folder of DICOM files or of a subject as a zip, or of a nibabel image as NIfTI."""
+    """The bytes of a volume: of a file, of a folder of DICOM files or a subject as a zip, or of a nibabel image."""
     if hasattr(volume, "affine") and hasattr(volume, "dataobj"):
         image = nibabel("a nibabel image").Nifti1Image.from_image(volume)
         yield io.BytesIO(image.to_bytes())

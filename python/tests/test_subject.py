@@ -1,4 +1,4 @@
-"""A subject as FreeSurfer lays it out, written by nibabel from the real head and surfaces of pycortex in ISOCORTEX_TEST_DATA."""
+"""A subject as FreeSurfer lays it out, written by nibabel from a real head: pycortex-s1 in ISOCORTEX_TEST_DATA."""
 
 import os
 from pathlib import Path
@@ -40,7 +40,9 @@ def volumes():
     affine = head.affine.copy()
     affine[:3, 3] += MOVED_MM
     values, inside = np.asarray(head.dataobj), np.asarray(brain.dataobj) > 0
-    return nib.MGHImage(values.astype(np.int16), affine), nib.MGHImage(np.where(inside, values, 0).astype(np.int16), affine)
+    return nib.MGHImage(values.astype(np.int16), affine), nib.MGHImage(
+        np.where(inside, values, 0).astype(np.int16), affine
+    )
 
 
 def write_surface(path, half, kind, head, has_footer=True):
@@ -65,14 +67,16 @@ def write_subject(folder, head, brain, has_footer):
         (folder / name).mkdir(parents=True)
     nib.save(head, folder / "mri/T1.mgz")
     nib.save(brain, folder / "mri/brainmask.mgz")
-    for number, half in enumerate(HALVES):
+    for half in HALVES:
         for kind in KINDS:
             write_surface(folder / f"surf/{half}.{kind}", half, kind, head, has_footer)
         values = heights(half)
         nib.freesurfer.write_morph_data(folder / f"surf/{half}.thickness", values)
         lobes = (surface(half, "white")[0][:, 1] > MOVED_MM[1]).astype(int) + 1
         table = np.array([[0, 0, 0, 0, 0], [25, 100, 40, 0, 0], [120, 20, 200, 0, 0]])
-        nib.freesurfer.write_annot(folder / f"label/{half}.aparc.annot", lobes, table, ["unknown", "behind", "in front"])
+        nib.freesurfer.write_annot(
+            folder / f"label/{half}.aparc.annot", lobes, table, ["unknown", "behind", "in front"]
+        )
     # FreeSurfer links its pial surfaces to others beside them.
     pial = folder / "surf/lh.pial"
     pial.rename(folder / "surf/lh.pial.T1")
@@ -122,7 +126,9 @@ def test_a_subject_becomes_a_case_with_its_layers(subject, volumes):
     for name in LAYERS[:3]:
         assert found[name]["quality"] == "ok", found[name]
     fit = found["surface thickness"]["fit"]
-    print(f"white lies {fit['junction_median_mm']:.2f} mm from the junction, 95 % within {fit['junction_p95_mm']:.2f} mm")
+    print(
+        f"white lies {fit['junction_median_mm']:.2f} mm from the junction, 95 % within {fit['junction_p95_mm']:.2f} mm"
+    )
     assert fit["junction_median_mm"] < 0.8 and fit["junction_p95_mm"] < 3
 
 

@@ -12,6 +12,7 @@ use pipeline::{Limits, Pipeline, Source};
 use crate::head::{mask_of, plain_head};
 use crate::nifti::{Data, Nifti, gzip};
 use crate::series_builder::{Syntax, enhanced, files, slices};
+use crate::surface_layers::{annotation, curv};
 
 fn corpora() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus")
@@ -127,6 +128,29 @@ fn the_corpora_are_written() {
     let head = small_head();
     write("nifti", "plain.nii", &head.bytes());
     write("nifti", "packed.nii.gz", &gzip(&head.bytes()));
+    let values = curv(&[0.5, f32::NAN, -1.0]);
+    write("surface", "lh.curv", &values);
+    write("surface", "lh.annot", &annotation(3));
+    let overlay = [1_i32, 3, 1, 1, 1, 3, 0].map(i32::to_be_bytes);
+    let rest = [&[0; 256][..], &values[values.len() - 12..]].concat();
+    let overlay = [overlay.as_flattened(), &rest].concat();
+    write("surface", "lh.overlay.mgh", &overlay);
+    write("surface", "lh.overlay.mgz", &gzip(&overlay));
+    let array = |intent: &str, kind: &str, numbers: &str| {
+        format!(
+            "<DataArray Intent=\"NIFTI_INTENT_{intent}\" DataType=\"NIFTI_TYPE_{kind}\" ArrayIndexingOrder=\"RowMajorOrder\" Dimensionality=\"2\" \
+             Dim0=\"3\" Dim1=\"{}\" Encoding=\"ASCII\" Endian=\"LittleEndian\"><Data>{numbers}</Data></DataArray>",
+            numbers.split(' ').count() / 3
+        )
+    };
+    let gifti = [
+        "<?xml version=\"1.0\"?><GIFTI Version=\"1.0\" NumberOfDataArrays=\"3\"><LabelTable><Label Key=\"1\">a &amp; b</Label></LabelTable>",
+        &array("POINTSET", "FLOAT32", "0 0 0 1 0 0 0 1 0"),
+        &array("TRIANGLE", "INT32", "0 1 2 2 1 0 0 2 1"),
+        &array("LABEL", "INT32", "1 0 1"),
+        "</GIFTI>",
+    ];
+    write("surface", "lh.labels.gii", gifti.concat().as_bytes());
     let series = slices(4);
     let file = |syntax| files(&series, syntax).swap_remove(0);
     write("dicom", "implicit.dcm", &file(Syntax::Implicit));

@@ -8,6 +8,7 @@ use cases::pictures::{PictureRequest, SliceQuery};
 use http::negotiate::MediaType;
 use http::sent::from_query;
 use imaging::dicom::{Options, attributes, convert, fingerprint, identify, marks};
+use imaging::surface::{Space, SurfaceFiles};
 use imaging::{Limits, sniff};
 use pacs::multipart::{Parser, Piece, boundary_of};
 use pipeline::codec;
@@ -24,8 +25,9 @@ pub type Target = fn(&[u8]);
 
 /// All of them, with the names of their corpora, and how many changes of each file are tried with every run of the tests. An
 /// envelope of a few bytes may have the greatest grid, which takes a while to unpack.
-pub const TARGETS: [(&str, Target, usize); 6] = [
+pub const TARGETS: [(&str, Target, usize); 7] = [
     ("nifti", nifti, 400),
+    ("surface", surface, 400),
     ("dicom", dicom, 200),
     ("multipart", multipart, 400),
     ("pdu", pdu, 400),
@@ -39,6 +41,22 @@ pub fn nifti(bytes: &[u8]) {
     let _ = imaging::nifti::read_volume(bytes, &LIMITS);
     let _ = imaging::nifti::read_mask(bytes, &LIMITS);
 }
+
+/// A surface, or the values of one.
+pub fn surface(bytes: &[u8]) {
+    let read = |surface, values| {
+        let files = SurfaceFiles { surface, values };
+        let _ = imaging::surface::read(files, None, Some(Space::Scanner), None);
+    };
+    read(bytes, None);
+    read(ONE_TRIANGLE, Some(bytes));
+    let _ = imaging::surface::places(bytes);
+}
+
+/// A surface of FreeSurfer of one triangle.
+const ONE_TRIANGLE: &[u8] = b"\xff\xff\xfea test\n\n\0\0\0\x03\0\0\0\x01\
+    \0\0\0\0\0\0\0\0\0\0\0\0\x3f\x80\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x3f\x80\0\0\0\0\0\0\
+    \0\0\0\0\0\0\0\x01\0\0\0\x02";
 
 /// A file of DICOM.
 pub fn dicom(bytes: &[u8]) {

@@ -200,19 +200,21 @@ pub struct Drawn {
 /// The most vertices whose places are kept.
 const MAX_PLACES: usize = 10_000;
 
-/// The first line of the comment with the places of vertices, of which each further line has one.
-const PLACES: &str = "places on the surface, LPS mm";
+/// The first line of the comment with the places of vertices. Each further line has one, and an empty line begins the next surface.
+const PLACES: &str = "places on surfaces, LPS mm\n";
 
-/// The places of some vertices of the surfaces that a volume was drawn from, LPS mm; `None` if it does not have them.
-pub fn places(volume: &[u8]) -> Option<Vec<DVec3>> {
+/// The places of some vertices of each surface that a volume was drawn from, LPS mm; `None` if it does not have them.
+pub fn places(volume: &[u8]) -> Option<Vec<Vec<DVec3>>> {
     let comment = nifti::comment_of(volume)?;
-    let mut lines = comment.lines();
     let place = |line: &str| {
         let along: Result<Vec<f64>, _> = line.split(' ').map(str::parse).collect();
         let place: [f64; 3] = along.ok()?.try_into().ok()?;
         Some(DVec3::from_array(place)).filter(|place| place.is_finite())
     };
-    (lines.next() == Some(PLACES)).then(|| lines.map(place).collect())?
+    let surfaces = comment.strip_prefix(PLACES)?.split("\n\n");
+    surfaces
+        .map(|lines| lines.lines().map(place).collect())
+        .collect()
 }
 
 /// Reads surfaces with their values and draws them into a volume, which is returned as `.nii.gz` in single precision, NaN away from them, with
@@ -263,10 +265,12 @@ pub fn draw(
     let count = |of: fn(&ValuedSurface) -> usize| surfaces.iter().map(of).sum::<usize>() as u32;
     let vertices = count(|surface| surface.positions_in_patient.len());
     let every = (vertices as usize).div_ceil(MAX_PLACES).max(1);
-    let positions = surfaces.iter().flat_map(|one| &one.positions_in_patient);
-    let places = positions.step_by(every);
-    let places = places.map(|place| format!("\n{:.2} {:.2} {:.2}", place.x, place.y, place.z));
-    let comment = std::iter::once(PLACES.to_owned()).chain(places);
+    let line = |place: &DVec3| format!("{:.2} {:.2} {:.2}", place.x, place.y, place.z);
+    let lines = surfaces.iter().map(|surface| {
+        let places = surface.positions_in_patient.iter().step_by(every);
+        places.map(line).collect::<Vec<_>>().join("\n")
+    });
+    let comment = format!("{PLACES}{}", lines.collect::<Vec<_>>().join("\n\n"));
     let drawn = Drawn {
         vertices,
         triangles: count(|surface| surface.triangles.len()),
@@ -274,7 +278,6 @@ pub fn draw(
         are_labels,
         names,
     };
-    let comment: String = comment.collect();
     let nifti = nifti::write_commented(&grid, &sheet.numbers, &comment);
     let nifti = nifti.map_err(unusable("case"))?;
     Ok((nifti, drawn))

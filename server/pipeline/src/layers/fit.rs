@@ -14,18 +14,19 @@ const LEAST_PLACES: usize = 500;
 /// How far a surface is moved to see whether its place matters, in mm: two thicknesses of the cortex.
 const MOVED_MM: f64 = 6.0;
 
-/// Compares the places of vertices, LPS mm, with the head of a case.
-pub(super) fn fit(case: &LayerCase<'_>, places: &[DVec3]) -> SurfaceFit {
+/// Compares the places of vertices of some surfaces, LPS mm, with the head of a case.
+pub(super) fn fit(case: &LayerCase<'_>, surfaces: &[Vec<DVec3>]) -> SurfaceFit {
+    let places = surfaces.concat();
     let junction = junction_places(case.facts, case.envelope, case.volume).ok();
     let [junction_median_mm, junction_p95_mm] = match junction {
-        Some(junction) if places.len() >= LEAST_PLACES => distances(&junction, places).map(Some),
+        Some(junction) if places.len() >= LEAST_PLACES => distances(&junction, &places).map(Some),
         _ => [None; 2],
     };
     let plane = mirror_plane(case.facts);
     SurfaceFit {
         junction_median_mm,
         junction_p95_mm,
-        ..spreads(case.volume, places, |place| plane.reflected(place))
+        ..spreads(case.volume, surfaces, |place| plane.reflected(place))
     }
 }
 
@@ -39,12 +40,25 @@ fn distances(junction: &JunctionPlaces, places: &[DVec3]) -> [f32; 2] {
     [50, 95].map(|percent| found[percent * (found.len() - 1) / 100])
 }
 
-fn spreads(volume: &Volume, places: &[DVec3], mirror: impl Fn(DVec3) -> DVec3) -> SurfaceFit {
-    let mirrored: Vec<DVec3> = places.iter().map(|&place| mirror(place)).collect();
+/// The mean of the spreads of the surfaces: white and pial lie along different intensities.
+fn spreads(
+    volume: &Volume,
+    surfaces: &[Vec<DVec3>],
+    mirror: impl Fn(DVec3) -> DVec3,
+) -> SurfaceFit {
+    let mirrored = surfaces
+        .iter()
+        .map(|places| places.iter().map(|&place| mirror(place)).collect());
+    let mirrored: Vec<Vec<DVec3>> = mirrored.collect();
+    let mean = |of: &[Vec<DVec3>], spread: &dyn Fn(&[DVec3]) -> Option<f32>| {
+        let found: Vec<f32> = of.iter().filter_map(|places| spread(places)).collect();
+        (!found.is_empty()).then(|| found.iter().sum::<f32>() / found.len() as f32)
+    };
+    let as_they_are = |places: &[DVec3]| spread(volume, places.iter().copied());
     SurfaceFit {
-        spread: spread(volume, places.iter().copied()),
-        mirrored_spread: spread(volume, mirrored.iter().copied()),
-        mirrored_moved_spread: spread(volume, moved(&mirrored)),
+        spread: mean(surfaces, &as_they_are),
+        mirrored_spread: mean(&mirrored, &as_they_are),
+        mirrored_moved_spread: mean(&mirrored, &|places| spread(volume, moved(places))),
         ..SurfaceFit::default()
     }
 }
@@ -98,7 +112,7 @@ mod tests {
         });
         let fit = |places: Vec<DVec3>| {
             let mirror = |at: DVec3| DVec3::new(60.0 - at.x, at.y, at.z);
-            spreads(&volume, &places, mirror)
+            spreads(&volume, &[places], mirror)
         };
         let own = fit(places.clone().collect());
         assert_eq!(own.follows_cortex(), Some(true), "{own:?}");

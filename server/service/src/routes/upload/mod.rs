@@ -61,7 +61,7 @@ pub struct UploadForm {
         (status = 400, description = "The form cannot be read"),
         (status = 413, description = "The body is too large"),
         (status = 415, description = "The body is not a form"),
-        (status = 422, description = "The volume or mask cannot be used"),
+        (status = 422, description = "The volume or mask cannot be used; or a file of a subject cannot, which `detail` names, with the types of surfaces as layers"),
         (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)"),
         (status = 503, description = "Too many cases are waiting"),
         (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
