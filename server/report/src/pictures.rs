@@ -114,8 +114,8 @@ pub struct FindingPictures {
     pub depth_mm: f32,
     /// The cut as it faces the viewer, each time the own side and then the other side, flipped.
     pub cuts: Vec<[Shot; 2]>,
-    /// Slices through it, each time one plane: the standard ones, and the one across the sulcus.
-    pub slices: Vec<(Through, Vec<Shot>)>,
+    /// Slices through it and through the mirrored place, each time one plane: the standard ones, and the one across the sulcus.
+    pub slices: Vec<[(Through, Vec<Shot>); 2]>,
 }
 
 /// The plane of a slice.
@@ -123,8 +123,12 @@ pub struct FindingPictures {
 pub enum Through {
     /// Across an axis of the patient, with its coordinate.
     Standard(SlicePlane, f64),
-    /// Across the sulcus, with its angles.
-    Sulcus(String),
+    /// Across the sulcus.
+    Sulcus {
+        angles: String,
+        /// LPS mm.
+        position: [f64; 3],
+    },
 }
 
 /// The six views at each depth, as one row a depth.

@@ -297,7 +297,7 @@ impl Words {
                 let at = self.coordinate(plane.axis(), *mm);
                 format!("{}, {at} mm", self.planes[*plane as usize])
             }
-            Through::Sulcus(angles) => format!("{} ({angles})", self.across),
+            Through::Sulcus { angles, .. } => format!("{} ({angles})", self.across),
         }
     }
 }

@@ -17,9 +17,10 @@ use crate::pictures::{
 use crate::profile::depth_mm;
 use crate::{Cases, Error};
 
-/// The side of a picture of a finding, of a slice and of a picture of the overview, in pixels.
-const CUT_SIDE: u32 = 320;
-const SLICE_SIDE: u32 = 240;
+/// The side of a picture of a finding, of a slice and of a picture of the overview, in pixels: two or more to a voxel, so that the HTML of
+/// three findings with both sides of two volumes stays below 3 MB.
+const CUT_SIDE: u32 = 264;
+const SLICE_SIDE: u32 = 168;
 const OVERVIEW_SIDE: u32 = 120;
 
 /// What a picture of a finding and a slice show, in mm.
@@ -281,77 +282,146 @@ async fn draw_surfaces(
     series.draw_each(cases, Vec::new(), add).await
 }
 
-/// The slices through a finding, of the anatomy and of the layer.
+/// The slices through a finding, and beside each the one through the mirrored place, which is flipped where it would not be the mirror
+/// image: of the anatomy and of the layer.
 async fn slices(
     cases: &Cases,
     id: &CaseId,
     facts: &CaseFacts,
     finding: &Finding,
     layer: Option<&LayerRef>,
-) -> Result<Vec<(Through, Vec<Shot>)>, Error> {
-    let sphere = &facts.envelope_sphere;
+) -> Result<Vec<[(Through, Vec<Shot>); 2]>, Error> {
+    let plane = mirror_plane(facts);
     let at = DVec3::from_array(finding.middle_in_patient());
-    let offset = at - DVec3::from_array(sphere.center_in_patient);
     let mut slices = Vec::new();
     let kinds = SlicePlane::ALL.map(SliceKind::Standard);
     for kind in kinds.into_iter().chain([SliceKind::Oblique]) {
-        let mut through = Through::Sulcus(String::new());
+        let mut through = Slice {
+            facts,
+            kind,
+            at,
+            normal: None,
+        };
+        let own = through.drawn(cases, id, layer).await?;
+        // Rows of a rotation into view space are its axes in the patient: right, up, towards the viewer.
+        let axes = DMat3::from_quat(own.orientation).transpose();
+        let reflected = |axis: DVec3| plane.reflected(axis) - plane.reflected(DVec3::ZERO);
+        through.at = plane.reflected(at);
+        through.normal = (kind == SliceKind::Oblique).then(|| reflected(axes.z_axis));
+        let other = through.drawn(cases, id, layer).await?;
+        let right = DMat3::from_quat(other.orientation).transpose().x_axis;
+        let is_turned = reflected(axes.x_axis).dot(right) < 0.0;
+        let outlined = |shot: Shot, projection: &Projection| Shot {
+            outline: match kind {
+                SliceKind::Standard(plane) if lies_in(finding, plane) => {
+                    let points = finding.points_in_patient.iter();
+                    points
+                        .map(|&point| pixel(projection, DVec3::from_array(point)))
+                        .collect()
+                }
+                _ => Vec::new(),
+            },
+            is_closed: finding.kind == FindingKind::Polygon,
+            ..shot
+        };
+        let own_shots = own.shots.into_iter();
+        let own_shots = own_shots.map(|(shot, projection)| outlined(shot, &projection));
+        let other_shots = other.shots.into_iter().map(|(shot, _)| match is_turned {
+            true => flipped(shot),
+            false => shot,
+        });
+        slices.push([
+            (own.through, own_shots.collect()),
+            (other.through, other_shots.collect()),
+        ]);
+    }
+    Ok(slices)
+}
+
+/// A slice through a place.
+struct Slice<'a> {
+    facts: &'a CaseFacts,
+    kind: SliceKind,
+    at: DVec3,
+    /// The direction across it, if it is oblique; by default it goes across the sulcus.
+    normal: Option<DVec3>,
+}
+
+/// Pictures of a slice, of the anatomy and of the layer.
+struct DrawnShots {
+    through: Through,
+    orientation: DQuat,
+    shots: Vec<(Shot, Projection)>,
+}
+
+impl Slice<'_> {
+    async fn drawn(
+        &self,
+        cases: &Cases,
+        id: &CaseId,
+        layer: Option<&LayerRef>,
+    ) -> Result<DrawnShots, Error> {
+        let (at, sphere) = (self.at, &self.facts.envelope_sphere);
+        let place = match self.kind {
+            SliceKind::Standard(plane) => SliceQuery {
+                position_mm: Some(at[plane.axis()]),
+                pan: Some(pan_of(
+                    plane,
+                    at - DVec3::from_array(sphere.center_in_patient),
+                )),
+                ..SliceQuery::default()
+            },
+            SliceKind::Oblique => SliceQuery {
+                position: Some(Numbers(at.to_array())),
+                normal: self.normal.map(|normal| Numbers(normal.to_array())),
+                ..SliceQuery::default()
+            },
+        };
+        let convention = render::SliceConvention::default();
         let mut shots = Vec::new();
+        let mut seen = None;
         for layer in std::iter::once(None).chain(layer.cloned().map(Some)) {
             let shows = match layer {
                 None => Shows::Anatomy,
                 Some(_) => Shows::Layer,
-            };
-            let place = match kind {
-                SliceKind::Standard(plane) => SliceQuery {
-                    position_mm: Some(at[plane.axis()]),
-                    pan: Some(pan_of(plane, offset)),
-                    ..SliceQuery::default()
-                },
-                SliceKind::Oblique => SliceQuery {
-                    position: Some(Numbers(at.to_array())),
-                    ..SliceQuery::default()
-                },
             };
             let query = SliceQuery {
                 width: SLICE_SIDE,
                 height: SLICE_SIDE,
                 zoom: 2.0 * sphere.radius_mm / SLICE_MM,
                 layer,
-                ..place
+                ..place.clone()
             };
-            let picture = SlicePicture::of(cases, id, kind, query.checked()?).await?;
+            let picture = SlicePicture::of(cases, id, self.kind, query.checked()?).await?;
             let drawn = picture.draw(cases).await?;
-            let in_frame = |point: [f64; 3]| pixel(&drawn.projection, DVec3::from_array(point));
-            let convention = render::SliceConvention::default();
-            let orientation = match (kind, drawn.oblique) {
-                (SliceKind::Standard(plane), _) => {
-                    through = Through::Standard(plane, at[plane.axis()]);
-                    plane.view(convention).orientation()
-                }
+            let (through, orientation) = match (self.kind, drawn.oblique) {
+                (SliceKind::Standard(plane), _) => (
+                    Through::Standard(plane, at[plane.axis()]),
+                    plane.view(convention).orientation(),
+                ),
                 (SliceKind::Oblique, oblique) => {
                     let oblique = oblique.ok_or(Error::Internal)?;
-                    through = Through::Sulcus(oblique.angles());
-                    oblique.orientation(convention)
+                    let through = Through::Sulcus {
+                        angles: oblique.angles(),
+                        position: at.to_array(),
+                    };
+                    (through, oblique.orientation(convention))
                 }
             };
-            let outline = match kind {
-                SliceKind::Standard(plane) if lies_in(finding, plane) => {
-                    let points = finding.points_in_patient.iter();
-                    points.map(|&point| in_frame(point)).collect()
-                }
-                _ => Vec::new(),
-            };
-            shots.push(Shot {
-                mark: Some(in_frame(at.to_array())),
-                outline,
-                is_closed: finding.kind == FindingKind::Polygon,
+            let shot = Shot {
+                mark: Some(pixel(&drawn.projection, at)),
                 ..plain(drawn.png, &drawn.projection, shows, orientation)
-            });
+            };
+            shots.push((shot, drawn.projection));
+            seen = Some((through, orientation));
         }
-        slices.push((through, shots));
+        let (through, orientation) = seen.ok_or(Error::Internal)?;
+        Ok(DrawnShots {
+            through,
+            orientation,
+            shots,
+        })
     }
-    Ok(slices)
 }
 
 /// The shift that brings a point into the middle of a slice, given how far it lies from the centre of the head.
@@ -392,6 +462,17 @@ fn plain(png: Vec<u8>, projection: &Projection, shows: Shows, orientation: DQuat
     }
 }
 
+/// A picture without outlines, to be shown flipped.
+fn flipped(shot: Shot) -> Shot {
+    let [left, right, up, down] = shot.directions;
+    Shot {
+        mark: shot.mark.map(|[x, y]| [f64::from(shot.side) - x, y]),
+        is_flipped: true,
+        directions: [right, left, up, down],
+        ..shot
+    }
+}
+
 /// A finding on a surface, or its mirrored place.
 struct Marked<'a> {
     facts: &'a CaseFacts,
@@ -407,15 +488,11 @@ impl Marked<'_> {
         let [own, other] = orientations(self.facts, self.seen.orientation);
         let middle = DVec3::from_array(finding.middle_in_patient());
         if self.is_flipped {
-            let plain = plain(png, projection, shows, other);
-            let [x, y] = pixel(projection, mirror_plane(self.facts).reflected(middle));
-            let [left, right, up, down] = plain.directions;
-            return Shot {
-                mark: Some([f64::from(plain.side) - x, y]),
-                is_flipped: true,
-                directions: [right, left, up, down],
-                ..plain
-            };
+            let opposite = mirror_plane(self.facts).reflected(middle);
+            return flipped(Shot {
+                mark: Some(pixel(projection, opposite)),
+                ..plain(png, projection, shows, other)
+            });
         }
         let is_on_surface = finding.kind != FindingKind::Point
             && (finding.kind == FindingKind::Trajectory

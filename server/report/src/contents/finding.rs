@@ -6,8 +6,8 @@ use geometry::{flat_area_of, length_of};
 use glam::DVec3;
 
 use super::{
-    Block, CUT_MM, Facts, Line, Picture, SLICE_IN_PAIR_MM, SLICE_MM, Table, certainty_of, gyrus_of,
-    millimetres, position, shortened, side_of,
+    Block, CUT_ABOVE_SLICES_MM, CUT_MM, Line, Picture, SLICE_BELOW_CUTS_MM, SLICE_MM, Table,
+    certainty_of, gyrus_of, millimetres, position, shortened, side_of,
 };
 use crate::pictures::{Shot, Shows, Through};
 use crate::words::Words;
@@ -86,30 +86,45 @@ impl Report {
         };
         let rows = pictures.cuts.iter();
         let cuts = rows.map(|row| row.iter().map(cut).collect()).collect();
-        let slice = |through: &Through, shot: &'a Shot| {
+        let slice = |through: &Through, shot: &'a Shot, is_other: bool| {
             let mut caption = self.what(words, shot.shows);
             caption = caption.and(format!(", {}", words.through(through)));
-            if let Through::Sulcus(_) = through {
-                let at = position(words, finding.middle_in_patient());
-                caption = caption.and(format!(", {at}"));
+            if let Through::Sulcus { position: at, .. } = through {
+                caption = caption.and(format!(", {}", position(words, *at)));
+            }
+            if is_other {
+                let side = Line::strong(&words.other_side.to_lowercase());
+                caption = caption.and(": ").and_line(side);
+            }
+            if shot.is_flipped {
+                caption = caption.and(format!(", {}", words.flipped));
             }
             Picture { shot, caption }
         };
-        let rows = pictures.slices.iter();
-        let rows = rows.map(|(through, shots)| shots.iter().map(|shot| slice(through, shot)));
-        blocks.extend(match self.layer {
-            None => [
-                Block::PicturesAndFacts(CUT_MM, cuts, facts, table),
-                Block::Pictures(SLICE_MM, vec![rows.flatten().collect()]),
-            ],
-            Some(_) => {
-                let pairs = rows.map(Iterator::collect).collect();
-                [
-                    Block::PicturesAndFacts(CUT_MM, cuts, facts, None),
-                    Block::PicturesAndFacts(SLICE_IN_PAIR_MM, pairs, Facts::new(), table),
-                ]
+        let pair = |[own, other]: &'a [(Through, Vec<Shot>); 2]| {
+            let both = own.1.iter().zip(&other.1);
+            both.map(|(shot, opposite)| {
+                [slice(&own.0, shot, false), slice(&other.0, opposite, true)]
+            })
+        };
+        let planes = pictures.slices.iter();
+        let (cut_mm, slice_mm, rows) = match self.layer {
+            // The own side above the other one.
+            None => {
+                let pairs = planes.flat_map(pair);
+                let (own, other) = pairs.map(|[own, other]| (own, other)).unzip();
+                (CUT_ABOVE_SLICES_MM, SLICE_BELOW_CUTS_MM, vec![own, other])
             }
-        });
+            // Of each plane both sides, of one volume and of the other.
+            Some(_) => {
+                let rows = planes.map(|plane| pair(plane).flatten().collect());
+                (CUT_MM, SLICE_MM, rows.collect())
+            }
+        };
+        blocks.extend([
+            Block::PicturesAndFacts(cut_mm, cuts, facts, table),
+            Block::Pictures(slice_mm, rows),
+        ]);
         blocks
     }
 

@@ -82,12 +82,12 @@ pub(crate) enum Block<'a> {
 }
 
 /// The sides of pictures on paper, in mm. A finding has one page of A4 or Letter: two columns of cuts with the facts beside them,
-/// above a row of four slices. With a further layer it has two: a row of cuts more, and the slices of both volumes in pairs beside the
-/// values.
+/// above four slices of either side. With a further layer it has two: a row of cuts more, and for each slice both sides of both volumes.
 pub(crate) const KEY_MM: f64 = 70.0;
 pub(crate) const CUT_MM: f64 = 59.0;
+pub(crate) const CUT_ABOVE_SLICES_MM: f64 = 50.0;
 pub(crate) const SLICE_MM: f64 = 45.0;
-pub(crate) const SLICE_IN_PAIR_MM: f64 = 53.0;
+pub(crate) const SLICE_BELOW_CUTS_MM: f64 = 43.0;
 
 /// What separates two pictures of a row, in mm.
 pub(crate) const GAP_MM: f64 = 2.0;
@@ -478,10 +478,10 @@ mod tests {
             surface: case::SurfaceName::Left,
             depth_mm: 3.0,
             cuts: vec![[shot(false), shot(true)]],
-            slices: vec![(
-                Through::Standard(render::SlicePlane::Axial, 30.0),
-                vec![shot(false)],
-            )],
+            slices: vec![[(30.0, false), (31.0, true)].map(|(mm, is_flipped)| {
+                let through = Through::Standard(render::SlicePlane::Axial, mm);
+                (through, vec![shot(is_flipped)])
+            })],
         };
         Report {
             maps: Ok(ReportMaps {
@@ -651,8 +651,9 @@ mod tests {
                 "T1, 3.0 mm, inner side of the left hemisphere: <strong>left</strong>, as acquired",
                 "T1, 3.0 mm, inner side of the right hemisphere: <strong>right</strong>, flipped",
                 "T1, axial, S 30.0 mm",
+                "T1, axial, S 31.0 mm: <strong>other side</strong>, flipped",
             ]
         );
-        assert_eq!(page.matches(">10 mm</text>").count(), 3);
+        assert_eq!(page.matches(">10 mm</text>").count(), 4);
     }
 }

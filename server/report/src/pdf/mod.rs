@@ -550,7 +550,7 @@ mod tests {
     use render::{Frame, FrameSize, PixelFormat, encode_png};
 
     use super::*;
-    use crate::contents::{CUT_MM, Piece, SLICE_IN_PAIR_MM, SLICE_MM};
+    use crate::contents::{CUT_ABOVE_SLICES_MM, CUT_MM, Piece, SLICE_BELOW_CUTS_MM, SLICE_MM};
     use crate::pictures::{Shot, Shows};
 
     const SIDE: u32 = 240;
@@ -728,14 +728,14 @@ mod tests {
             ],
         };
         let one_page = [
-            Block::PicturesAndFacts(CUT_MM, pairs(2), facts(), Some(table())),
-            rows(1, 4, SLICE_MM, &shot),
+            Block::PicturesAndFacts(CUT_ABOVE_SLICES_MM, pairs(2), facts(), Some(table())),
+            rows(2, 4, SLICE_BELOW_CUTS_MM, &shot),
         ];
         let two_pages = [
-            Block::PicturesAndFacts(CUT_MM, pairs(3), facts(), None),
-            Block::PicturesAndFacts(SLICE_IN_PAIR_MM, pairs(4), Facts::new(), Some(table())),
+            Block::PicturesAndFacts(CUT_MM, pairs(3), facts(), Some(table())),
+            rows(4, 4, SLICE_MM, &shot),
         ];
-        for (blocks, full) in [(one_page, vec![190.0]), (two_pages, vec![190.0, 220.0])] {
+        for (blocks, full) in [(one_page, vec![220.0]), (two_pages, vec![190.0, 200.0])] {
             let first = [
                 Block::Heading("Finding 1: a mark".into()),
                 Block::Text("A sentence. ".repeat(40).into()),
@@ -749,7 +749,7 @@ mod tests {
                 "{ends:?}"
             );
         }
-        for (count, side_mm) in [(2.0, CUT_MM), (4.0, SLICE_MM)] {
+        for (count, side_mm) in [(2.0, CUT_MM), (4.0, SLICE_MM), (4.0, SLICE_BELOW_CUTS_MM)] {
             let width = count * (side_mm + GAP_MM) - GAP_MM;
             assert!(width <= WIDTH_MM, "{width}");
         }

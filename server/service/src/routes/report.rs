@@ -81,7 +81,7 @@ impl Asked for ReportKeys {
 
 /// The report of a reading: one file, to read, to print and to keep
 ///
-/// For each finding that is not dismissed: the cut and the other side, flipped; three slices and the one across the sulcus; values here and on the other side;
+/// For each finding that is not dismissed: the cut, three slices and the one across the sulcus, each beside the same of the other side, flipped; values here and on the other side;
 /// what the reader wrote. Then the places of the map, those that stand out first, an overview of six views at four depths, what is known of the acquisition,
 /// and what is wrong with the mask, on every page. It is HTML, which needs no script and nothing from elsewhere, or with `Accept: application/pdf` a PDF on pages
 /// that A4 and Letter hold. Its pictures are lossless. It names the patient only on request; no cache may

@@ -94,10 +94,10 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
         html.matches("scale(-1 1)").count(),
         html.matches(", flipped</figcaption>").count()
     );
-    // The first page has one; each finding has its cut, the other side, three slices and the one across the sulcus; the overview has six
+    // The first page has one; each finding has its cut, three slices and the one across the sulcus, of both sides; the overview has six
     // views at four depths.
     let pictures = html.matches("<image").count();
-    assert_eq!(pictures, 1 + 2 * (2 + 4) + 24);
+    assert_eq!(pictures, 1 + 2 * (2 + 8) + 24);
     assert!(html.len() < 3_000_000, "{}", html.len());
     let known = [("if-none-match", report.header("etag"))];
     let address = format!("{case}/report");
@@ -137,7 +137,7 @@ async fn a_flair_layer_stands_beside_the_anatomy() {
     }
     workers.shut_down(Duration::from_secs(60)).await;
     let report = html(&server, &format!("{case}/report")).await;
-    assert_eq!(report.matches("<image").count(), 1 + 2 * 2 + 2 * 4 + 24);
+    assert_eq!(report.matches("<image").count(), 1 + 2 * 2 + 2 * 8 + 24);
     assert!(
         report.contains("<bdi>3D FLAIR &lt;b&gt;</bdi>, axial"),
         "a slice of it"
@@ -157,7 +157,7 @@ async fn a_flair_layer_stands_beside_the_anatomy() {
     // On the first page and on the one of the finding.
     assert_eq!(doubted, 2 * usize::from(!is_checked), "{layers}");
     let pdf = server.get_with(&format!("{case}/report"), &PDF).await;
-    assert_eq!(counted(&pdf.body)[1], 2 * 2 + 2 * 4 + 24);
+    assert_eq!(counted(&pdf.body)[1], 2 * 2 + 2 * 8 + 24);
 }
 
 #[tokio::test]
@@ -278,16 +278,17 @@ fn picture(svg: &str) -> Shown {
     }
 }
 
-/// A ball that is painted on the patient's left, in front. Its finding lies still farther to the left.
-#[tokio::test]
-async fn what_is_on_the_left_is_on_the_side_of_the_letter_for_left() {
+/// A place on the patient's left, in front.
+const BALL: DVec3 = DVec3::new(20.0, -66.0, 10.0);
+
+/// The report of a head with painted balls, and a finding still farther to the left than [`BALL`].
+async fn report_of_balls(balls: &[DVec3], language: &str) -> String {
     let PhantomHead { volume, brain } = phantom();
-    let ball = DVec3::new(20.0, -66.0, 10.0);
     let grid = volume.grid().clone();
     let painted = |(index, &voxel): (usize, &u16)| {
         let place = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
         let place = grid.patient_from_voxel().transform_point3(place);
-        if place.distance(ball) < 9.0 {
+        if balls.iter().any(|ball| place.distance(*ball) < 9.0) {
             4000
         } else {
             voxel
@@ -298,12 +299,20 @@ async fn what_is_on_the_left_is_on_the_side_of_the_letter_for_left() {
     let (server, case) = Server::with_head(&nifti(&volume), &nifti_mask(&brain)).await;
     let facts = server.get(&case).await.json();
     let centre = facts["envelope_sphere"]["center_in_patient"].clone();
-    let finding = ball + DVec3::X * 14.0;
+    let finding = BALL + DVec3::X * 14.0;
     let offset = [0, 1, 2].map(|axis| finding[axis] - centre[axis].as_f64().unwrap());
     mark(&server, &case, &[("a", offset, "here")]).await;
-    let report = html(&server, &format!("{case}/report?language=pt-BR")).await;
+    html(&server, &format!("{case}/report?language={language}")).await
+}
+
+/// The ball is on the left alone.
+#[tokio::test]
+async fn what_is_on_the_left_is_on_the_side_of_the_letter_for_left() {
+    let report = report_of_balls(&[BALL], "pt-BR").await;
     let (mut of_overview, mut of_slices) = (Vec::new(), 0);
-    for each in shown(&report) {
+    // The slices of the other side have a test of their own: scalp is as white as the ball.
+    let is_told = |each: &Shown| !each.caption.contains("outro lado");
+    for each in shown(&report).into_iter().filter(is_told) {
         let side = |letter: &str| match each.letters.iter().position(|other| other == letter) {
             Some(0) => -1.0,
             Some(1) => 1.0,
@@ -331,6 +340,47 @@ async fn what_is_on_the_left_is_on_the_side_of_the_letter_for_left() {
         "{of_overview:?}"
     );
     assert_eq!(of_overview.len(), 4);
+}
+
+/// The slices through the finding, and those of the other side.
+async fn slices_of(balls: &[DVec3]) -> [Vec<Shown>; 2] {
+    let report = report_of_balls(balls, "en").await;
+    let planes = ["axial", "coronal", "sagittal", "across"];
+    let is_slice = |each: &Shown| planes.iter().any(|plane| each.caption.contains(plane));
+    let slices = shown(&report).into_iter().filter(is_slice);
+    let (other, own): (Vec<_>, Vec<_>) =
+        slices.partition(|each| each.caption.contains("other side"));
+    assert_eq!([own.len(), other.len()], [4, 4]);
+    [own, other]
+}
+
+/// A ball on the right is seen on the other side alone, at the same pixels as one on the left beside it.
+#[tokio::test]
+async fn a_slice_of_the_other_side_is_the_mirror_image_of_its_place() {
+    let [alone, none] = slices_of(&[BALL]).await;
+    let both = [BALL, DVec3::new(-BALL.x, BALL.y, BALL.z)];
+    let [own, other] = slices_of(&both).await;
+    for (own, other) in own.iter().zip(&other) {
+        let mirrored = |letters: &String| {
+            let turned = letters.chars().map(|letter| match letter {
+                'L' => 'R',
+                'R' => 'L',
+                other => other,
+            });
+            turned.collect::<String>()
+        };
+        let letters: Vec<_> = own.letters.iter().map(mirrored).collect();
+        assert_eq!(other.letters, letters, "{}", other.caption);
+    }
+    // The balls lie in the axial and the coronal slice, whose mirror images are flipped.
+    for at in 0..2 {
+        assert!(other[at].is_flipped && !own[at].is_flipped);
+        let [alone, none, own, other] =
+            [&alone, &none, &own, &other].map(|slices: &Vec<Shown>| slices[at].white());
+        assert!(own.0.abs_diff(alone.0) < 40, "{own:?} {alone:?}");
+        assert!(other.0 > none.0 + 300, "{other:?} {none:?}");
+        assert!((own.1 - other.1).abs() < 8.0, "{own:?} {other:?}");
+    }
 }
 
 #[tokio::test]
