@@ -619,12 +619,25 @@ test(
     await list.locator("#case-search").fill("ana");
     await until(titles, (all) => all.join() === "Marked");
     assert.equal(hash(), "#cases&status=begun&days=7&sort=oldest");
+    // By its mask, and by what it has.
+    await list.locator("#case-mask").selectOption("ok");
+    await list.getByText("No case matches.").waitFor();
+    await list.locator("#case-mask").selectOption("review");
+    await list.locator("#case-has").selectOption("findings");
+    await until(titles, (all) => all.join() === "Marked");
+    assert.equal(hash(), "#cases&status=begun&days=7&mask=review&has=findings&sort=oldest");
+    assert.deepEqual(await violations(list), []);
+    await keep(list, "worklist-filtered");
+    for (const name of ["mask", "has"]) await list.locator(`#case-${name}`).selectOption("");
     await until(
       async () => asked.at(-1)?.text,
       (text) => text === "ana",
     );
     assert.ok(asked.every(({ patients }) => patients === false));
     await keep(list, "worklist");
+    await list.evaluate(() => (document.documentElement.dataset["theme"] = "light"));
+    await keep(list, "worklist-light");
+    await list.evaluate(() => (document.documentElement.dataset["theme"] = "dark"));
     // Enter opens a case; Back leads to the list as it was.
     await marked.locator("a").focus();
     await list.keyboard.press("Enter");

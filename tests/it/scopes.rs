@@ -286,6 +286,7 @@ async fn whatever_shows_or_changes_something_of_a_patient_is_recorded() {
         "GET /metrics",
         "GET /openapi.json",
         "GET /v1/pacs",
+        "GET /v1/preferences",
         "GET /v1/session",
         "GET /version",
     ];
