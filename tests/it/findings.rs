@@ -242,16 +242,16 @@ async fn findings_are_labels_of_the_vertices_that_they_cover() {
     let name = "attachment; filename=\"whole-8mm.findings.label.gii\"";
     assert_eq!(answer.header("content-disposition"), name);
     let text = String::from_utf8(answer.body.to_vec()).unwrap();
-    let row = "<Label Key=\"3\" Red=\"0.0000\" Green=\"1.0000\" Blue=\"0.4980\" Alpha=\"1\">A &lt;&amp;&gt; B</Label>";
+    let row = "<Label Key=\"2\" Red=\"0.0000\" Green=\"1.0000\" Blue=\"0.4980\" Alpha=\"1\">A &lt;&amp;&gt; B</Label>";
     assert!(text.contains(row), "{text}");
-    assert!(!text.contains("Key=\"2\""));
+    assert!(!text.contains("Key=\"3\""));
     let labels = &gifti_arrays(&answer.body)[0].1;
     let before = &gifti_arrays(&empty.body)[0].1;
     assert_eq!(labels.len(), positions.len());
     assert!(before.iter().all(|&label| label == 0));
-    assert_eq!([200, 450, 700].map(|vertex| labels[vertex]), [1, 0, 3]);
+    assert_eq!([200, 450, 700].map(|vertex| labels[vertex]), [1, 0, 2]);
     let at = |label: u32| (0..labels.len()).filter(move |&vertex| labels[vertex] == label);
-    for (label, middle) in [(1, 200), (3, 700)] {
+    for (label, middle) in [(1, 200), (2, 700)] {
         let middle = glam::Vec3::from(positions[middle]);
         // A brush of 1.5 mm, and the voxel of a vertex.
         assert!(at(label).all(|vertex| middle.distance(positions[vertex].into()) < 6.0));

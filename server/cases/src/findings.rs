@@ -190,7 +190,7 @@ impl Cases {
 impl Cases {
     /// The findings of a ready case that are neither dismissed nor unconfirmed, as labels on the grid of the acquired volume, as `.nii.gz`.
     ///
-    /// A label is the number of its finding in the list, from 1. Where two overlap, the later one is seen.
+    /// A label is the number that page and report give its finding: from 1, without dismissed ones and the commissures. Where two overlap, the later one is seen.
     ///
     /// # Errors
     /// As [`Cases::ready`]; [`Error::Busy`] if too much work waits.
@@ -222,7 +222,8 @@ impl Cases {
         let draw = move || {
             let grid = native_grid(&facts)?;
             let mut labels = vec![0; grid.voxel_count()];
-            let findings = (1..).zip(list).filter(|(_, finding)| finding.is_kept());
+            let numbered = list.into_iter().filter(Finding::is_numbered);
+            let findings = (1..).zip(numbered).filter(|(_, finding)| finding.is_kept());
             let findings: Vec<_> = findings.collect();
             for (number, finding) in &findings {
                 paint(&mut labels, &grid, *number, finding);
@@ -334,7 +335,7 @@ pub struct FindingLabels {
     pub grid: Grid,
     /// The number of a finding for each voxel, or 0.
     pub labels: Vec<u16>,
-    /// The findings with their numbers in the list, from 1.
+    /// The findings with the numbers that page and report give them.
     pub findings: Vec<(u16, Finding)>,
 }
 
