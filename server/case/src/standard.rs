@@ -11,16 +11,17 @@ use crate::findings::{Finding, FindingKind};
 pub const ATLAS_ERROR_MM: u32 = 10;
 
 /// A position in spaces in which heads are compared: to the right, to the front and upwards, in mm.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct StandardPosition {
     /// About where it is in an atlas; absent if there is no atlas, or the head does not surely fit it.
     #[serde(default, flatten, skip_serializing_if = "Option::is_none")]
     pub atlas: Option<AtlasPosition>,
     /// From the middle between the anterior and the posterior commissure that a reader has set: the second axis goes through both,
-    /// the first is the one nearest to the normal of the plane between the hemispheres. Absent if nobody has set them.
+    /// the first is the one nearest to the normal of the plane between the hemispheres. In whole mm, as exact as both points were set.
+    /// Absent if nobody has set them, or that plane is in doubt.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ac_pc: Option<[f64; 3]>,
+    pub ac_pc: Option<[i32; 3]>,
 }
 
 /// About where a position is in an atlas, from an affine fit of the whole head.
@@ -48,7 +49,6 @@ const TALAIRACH_FROM_MNI: [[f64; 4]; 3] = [
 impl AtlasPosition {
     /// The one at a position in MNI 152: right, anterior, superior, in mm.
     pub fn at(mni152: [f64; 3]) -> Self {
-        let whole = |mm: f64| mm.round() as i32;
         let [x, y, z] = mni152;
         Self {
             mni152: mni152.map(whole),
@@ -68,10 +68,12 @@ pub struct AcPc {
 }
 
 impl AcPc {
-    /// Those that a reader has set among findings; `None` if nobody has, or if they lie across the plane between the hemispheres.
+    /// Those that a reader has set among findings; `None` if nobody has, or if the plane between the
+    /// hemispheres is in doubt or they lie across it.
     pub fn of(findings: &[Finding], plane: &PlaneFacts) -> Option<Self> {
         let is_set = |one: &&Finding| one.kind == FindingKind::Acpc && !one.is_unconfirmed;
         let set = findings.iter().filter(is_set).find(|one| !one.is_dismissed);
+        let set = set.filter(|_| !plane.doubtful);
         let [anterior, posterior] = *set?.points_in_patient else {
             return None;
         };
@@ -86,12 +88,15 @@ impl AcPc {
         })
     }
 
-    /// A position (LPS, mm) along these axes, in tenths of a mm.
-    pub fn at(&self, position_in_patient: [f64; 3]) -> [f64; 3] {
+    /// A position (LPS, mm) along these axes, in whole mm.
+    pub fn at(&self, position_in_patient: [f64; 3]) -> [i32; 3] {
         let from_middle = minus(position_in_patient, self.middle);
-        self.axes
-            .map(|axis| (10.0 * dot(axis, from_middle)).round() / 10.0 + 0.0)
+        self.axes.map(|axis| whole(dot(axis, from_middle)))
     }
+}
+
+fn whole(mm: f64) -> i32 {
+    mm.round() as i32
 }
 
 fn minus(to: [f64; 3], from: [f64; 3]) -> [f64; 3] {
@@ -148,10 +153,10 @@ mod tests {
             &plane([1.0, 0.0, 0.0]),
         );
         let straight = straight.unwrap();
-        assert_eq!(straight.at([1.0, 1.0, 5.0]), [0.0; 3]);
-        assert_eq!(straight.at([1.0, -12.0, 5.0]), [0.0, 13.0, 0.0]);
-        assert_eq!(straight.at([31.0, 1.0, 5.0]), [-30.0, 0.0, 0.0], "left");
-        assert_eq!(straight.at([1.0, 1.0, 25.04]), [0.0, 0.0, 20.0], "top");
+        assert_eq!(straight.at([1.0, 1.0, 5.0]), [0; 3]);
+        assert_eq!(straight.at([1.0, -12.0, 5.0]), [0, 13, 0]);
+        assert_eq!(straight.at([31.0, 1.0, 5.0]), [-30, 0, 0], "left");
+        assert_eq!(straight.at([1.0, 1.0, 25.4]), [0, 0, 20], "top");
     }
 
     #[test]
@@ -162,8 +167,8 @@ mod tests {
             &plane([0.0, -1.0, 0.0]),
         );
         let turned = turned.unwrap();
-        assert_eq!(turned.at([-13.0, 0.0, 0.0]), [0.0, 13.0, 0.0]);
-        assert_eq!(turned.at([0.0, -30.0, 7.0]), [-30.0, 0.0, 7.0]);
+        assert_eq!(turned.at([-13.0, 0.0, 0.0]), [0, 13, 0]);
+        assert_eq!(turned.at([0.0, -30.0, 7.0]), [-30, 0, 7]);
         // By a nod: what was the top lies to the back, and a plane that is not quite upright becomes so.
         let [sin, cos] = [0.6, 0.8];
         let nodded = [set([
@@ -171,8 +176,8 @@ mod tests {
             [0.0, 13.0 * cos, -13.0 * sin],
         ])];
         let nodded = AcPc::of(&nodded, &plane([0.8, -0.6 * cos, 0.6 * sin])).unwrap();
-        assert_eq!(nodded.at([0.0, 10.0 * sin, 10.0 * cos]), [0.0, 0.0, 10.0]);
-        assert_eq!(nodded.at([5.0, 0.0, 0.0]), [-5.0, 0.0, 0.0]);
+        assert_eq!(nodded.at([0.0, 10.0 * sin, 10.0 * cos]), [0, 0, 10]);
+        assert_eq!(nodded.at([5.0, 0.0, 0.0]), [-5, 0, 0]);
     }
 
     #[test]
@@ -190,6 +195,14 @@ mod tests {
         assert_eq!(AcPc::of(&[], &upright), None);
         assert_eq!(AcPc::of(&[dismissed, unconfirmed], &upright), None);
         assert!(AcPc::of(&[commissures.clone()], &upright).is_some());
-        assert_eq!(AcPc::of(&[commissures], &plane([0.0, 1.0, 0.0])), None);
+        assert_eq!(
+            AcPc::of(&[commissures.clone()], &plane([0.0, 1.0, 0.0])),
+            None
+        );
+        let doubtful = PlaneFacts {
+            doubtful: true,
+            ..upright
+        };
+        assert_eq!(AcPc::of(&[commissures], &doubtful), None);
     }
 }

@@ -309,13 +309,12 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
 
 /** Where a place is in other heads. */
 function standardWords({ mni152, talairach, error_mm, ac_pc }: Standard = {}): readonly string[] {
-  const along = (name: string, position: Vec3, places: number): string =>
-    `${name} ${position.map((mm) => number(mm, places)).join(" ")}`;
+  const along = (name: string, position: Vec3): string => `${name} ${position.map((mm) => number(mm)).join(" ")}`;
   return [
     ...(mni152 && talairach
-      ? [`${along("MNI 152", mni152, 0)}, ${along("Talairach", talairach, 0)} (± ${number(error_mm ?? NaN)} mm)`]
+      ? [`${along("MNI 152", mni152)}, ${along("Talairach", talairach)} (± ${number(error_mm ?? NaN)} mm)`]
       : []),
-    ...(ac_pc ? [along(t("findings.acpc"), ac_pc, 1)] : []),
+    ...(ac_pc ? [along(t("findings.acpc"), ac_pc)] : []),
   ];
 }
 

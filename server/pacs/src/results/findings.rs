@@ -117,7 +117,7 @@ fn standard(finding: &Finding) -> StandardText {
     StandardText {
         mni152: atlas.map(|atlas| about(atlas.mni152, atlas.error_mm)),
         talairach: atlas.map(|atlas| about(atlas.talairach, atlas.error_mm)),
-        ac_pc: ac_pc.map(|[x, y, z]| format!("{x:.1} {y:.1} {z:.1}")),
+        ac_pc: ac_pc.map(|[x, y, z]| format!("{x} {y} {z}")),
     }
 }
 

@@ -237,16 +237,13 @@ fn is_of(finding: &Finding, place: &CandidateFacts) -> bool {
 /// Where the middle of a finding is in other heads.
 fn standard(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
     let StandardPosition { atlas, ac_pc } = finding.standard.unwrap_or_default();
+    let signed = |mm: [i32; 3]| mm.map(|mm| words.number(f64::from(mm), 0)).join(" · ");
     let of_atlas = atlas.map(|atlas| {
-        let signed = |mm: [i32; 3]| mm.map(|mm| words.number(f64::from(mm), 0)).join(" · ");
         let [mni152, talairach] = [atlas.mni152, atlas.talairach].map(signed);
         let text = format!("{mni152} / {talairach} (± {} mm)", atlas.error_mm);
         (words.atlas, text.into())
     });
-    let of_axes = ac_pc.map(|[right, anterior, superior]| {
-        let along = position(words, [-right, -anterior, superior]);
-        (words.ac_pc, along.into())
-    });
+    let of_axes = ac_pc.map(|ac_pc| (words.ac_pc, signed(ac_pc).into()));
     of_atlas.into_iter().chain(of_axes).collect()
 }
 

@@ -1,7 +1,7 @@
 //! The most blurred places of a case, and the profile through a point.
 
 use axum::extract::State;
-use std::fmt::{Display, Write as _};
+use std::fmt::Write as _;
 
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -256,7 +256,7 @@ impl CandidateList {
 
 /// The fields of a CSV for a position in other heads: three numbers each, or nothing.
 pub(super) fn standard_fields(standard: Option<StandardPosition>) -> [String; 3] {
-    fn field<T: Display>(position: Option<[T; 3]>) -> String {
+    fn field(position: Option<[i32; 3]>) -> String {
         position.map_or(String::new(), |[x, y, z]| format!("{x} {y} {z}"))
     }
     let StandardPosition { atlas, ac_pc } = standard.unwrap_or_default();
