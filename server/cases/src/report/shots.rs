@@ -19,8 +19,8 @@ use crate::{Cases, Error};
 
 /// The side of a picture of a finding, of a slice and of a picture of the overview, in pixels: two or more to a voxel, so that the HTML of
 /// three findings with both sides of two volumes stays below 3 MB.
-const CUT_SIDE: u32 = 264;
-const SLICE_SIDE: u32 = 168;
+const CUT_SIDE: u32 = 248;
+const SLICE_SIDE: u32 = 160;
 const OVERVIEW_SIDE: u32 = 120;
 
 /// What a picture of a finding and a slice show, in mm.

@@ -71,7 +71,7 @@ pub async fn get_share(
     let report = asked
         .report(&cases, &id, &holder, ReportFormat::Text)
         .await?;
-    let query = report.query.clone();
+    let query = report.query;
     let names_patient = query.patient;
     let findings = match &report.reading {
         Some((kept, _)) => kept.reading.findings.clone(),
