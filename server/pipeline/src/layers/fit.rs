@@ -1,11 +1,10 @@
 //! How surfaces fit the cortex of a head.
 
 use analysis::JunctionPlaces;
-use case::SurfaceFit;
-use geometry::Volume;
+use case::{CaseFacts, SurfaceFit};
+use geometry::{Envelope, Volume};
 use glam::DVec3;
 
-use super::LayerCase;
 use crate::maps::{junction_places, mirror_plane};
 
 /// The fewest vertices in the head that tell whether a surface follows the cortex.
@@ -15,18 +14,23 @@ const LEAST_PLACES: usize = 500;
 const MOVED_MM: f64 = 6.0;
 
 /// Compares the places of vertices of some surfaces, LPS mm, with the head of a case.
-pub(super) fn fit(case: &LayerCase<'_>, surfaces: &[Vec<DVec3>]) -> SurfaceFit {
+pub(super) fn fit(
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+    surfaces: &[Vec<DVec3>],
+) -> SurfaceFit {
     let places = surfaces.concat();
-    let junction = junction_places(case.facts, case.envelope, case.volume).ok();
+    let junction = junction_places(facts, envelope, volume).ok();
     let [junction_median_mm, junction_p95_mm] = match junction {
         Some(junction) if places.len() >= LEAST_PLACES => distances(&junction, &places).map(Some),
         _ => [None; 2],
     };
-    let plane = mirror_plane(case.facts);
+    let plane = mirror_plane(facts);
     SurfaceFit {
         junction_median_mm,
         junction_p95_mm,
-        ..spreads(case.volume, surfaces, |place| plane.reflected(place))
+        ..spreads(volume, surfaces, |place| plane.reflected(place))
     }
 }
 

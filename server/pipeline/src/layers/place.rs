@@ -155,7 +155,7 @@ pub(super) fn place_of_surface(
     volume: &[u8],
 ) -> Result<PlacementFacts, Failure> {
     let places = imaging::surface::places(volume).unwrap_or_default();
-    let fit = fit(case, &places);
+    let fit = fit(case.facts, case.envelope, case.volume, &places);
     if fit.is_mirrored() {
         return Err(Failure::unusable(
             "surface-mirrored",
