@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from isocortex import Case, IsocortexError
 from isocortex.trial import __main__ as trial
 from isocortex.trial import heads as trial_heads
 from isocortex.trial import repeat
@@ -542,3 +543,29 @@ def test_scans_that_cannot_be_compared_are_stated(tmp_path, capsys):
     assert "no head in" in capsys.readouterr().err
     assert repeat.main(["--pair", str(one), str(one)]) == 0
     assert "| anat/sub-1_T1w.nii.gz | sub-1_T1w.nii.gz | the first scan has no maps: " in capsys.readouterr().out
+
+
+def test_one_pair_that_fails_leaves_the_others(folder, tmp_path, capsys, monkeypatch):
+    head, brain = nib.load(folder / "head.nii.gz"), nib.load(folder / "brain.nii.gz")
+    image = nib.Nifti1Image(np.asarray(head.dataobj) * np.asarray(brain.dataobj), head.affine)
+    for person in ("sub-1", "sub-2"):
+        (tmp_path / person / "anat").mkdir(parents=True)
+        for number in (1, 2):
+            nib.save(image, tmp_path / person / f"anat/{person}_run-{number}_T1w.nii.gz")
+    add_layer = Case.add_layer
+
+    def refusing(case, volume, name):
+        if "sub-2" in volume.name:
+            raise IsocortexError("too many layers")
+        return add_layer(case, volume, name)
+
+    monkeypatch.setattr(Case, "add_layer", refusing)
+    deleted = []
+    delete = Case.delete
+    monkeypatch.setattr(Case, "delete", lambda case: (deleted.append(case.id), delete(case)))
+    assert repeat.main([str(tmp_path), "--json"]) == 0
+    one, two = json.loads(capsys.readouterr().out)
+    assert one["of_first"] == [1.0, 1.0, 1.0] and two["of_first"] is None
+    assert two["placement"] == "the second scan cannot be brought to the first: too many layers"
+    # Both files of a pair are one case.
+    assert len(deleted) == 2
