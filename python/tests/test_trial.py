@@ -355,17 +355,18 @@ def test_a_truth_that_was_drawn_on_the_flair_moves_with_it(golden):
     os.remove(anat / "sub-012_roi.nii.gz")
     (anat / "sub-012_FLAIR.nii.gz").touch()
 
-    def lesions_with(**facts):
+    def lesions_with(registered="sub-012_FLAIR.nii.gz", **facts):
         if facts:
             path = Path(f"{prefix}_from-FLAIR_to-T1w_mode-image_xfm.json")
-            path.write_text(json.dumps({"Matrix": np.linalg.inv(shift).tolist(), **facts}))
+            sources = ["bids:raw:sub-012/anat/sub-012_T1w.nii.gz", f"bids:raw:sub-012/anat/{registered}"]
+            path.write_text(json.dumps({"Sources": sources, "Matrix": np.linalg.inv(shift).tolist(), **facts}))
         run(golden, "--derivatives", golden / "derivatives")
         return {row["head"]: row for row in report(golden)["heads"]}["sub-012"]["lesions"]
 
     def remarks():
         return [row["reason"] for row in report(golden)["remarks"] if row["head"] == "sub-012"]
 
-    assert {lesion["truth"] for lesion in lesions_with()} == {"drawn on a FLAIR that is missing"}
+    assert {lesion["truth"] for lesion in lesions_with()} == {"drawn on a FLAIR that is not registered"}
     assert any("lies where its header places it" in reason for reason in remarks())
     assert "registration in doubt" in lesions_with(Verdict="failed")[0]["truth"]
     found = lesions_with(Verdict="registered")
@@ -374,6 +375,20 @@ def test_a_truth_that_was_drawn_on_the_flair_moves_with_it(golden):
         del other["truth"]
         assert lesion.pop("false_marks") == other.pop("false_marks")
         assert lesion == pytest.approx(other, abs=1e-3)
+
+    # There are two FLAIRs with other voxels, of which the second is registered: its name is most like that of the T1.
+    (anat / "sub-012_FLAIR.nii.gz").unlink()
+    mask, blank = anat / "sub-012_roi.nii.gz", np.zeros(image.shape, np.uint8)
+    (anat / "sub-012_FLAIR_roi.nii.gz").rename(mask)
+    nib.save(nib.Nifti1Image(blank, image.affine), anat / "sub-012_T1w.nii.gz")
+    nib.save(nib.Nifti1Image(blank, shift @ image.affine), anat / "sub-012_acq-á_FLAIR.nii.gz")
+    nib.save(nib.Nifti1Image(blank[1:], shift @ image.affine), anat / "sub-012_acq-b_FLAIR.nii.gz")
+    for registered, place in {"acq-%C3%A1": "registered", "acq-b": "that is not registered"}.items():
+        found = lesions_with(f"sub-012_{registered}_FLAIR.nii.gz", Verdict="registered")
+        assert place in found[0]["truth"] and ("not" in place) == bool(remarks())
+    for name, place in {"acq-á_FLAIR_roi": "that is not registered", "acq-b_FLAIR_roi": ", registered"}.items():
+        mask = mask.rename(anat / f"sub-012_{name}.nii.gz")
+        assert place in lesions_with()[0]["truth"]
 
 
 @pytest.mark.usefixtures("known_places")
