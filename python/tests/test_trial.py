@@ -449,11 +449,47 @@ def test_a_locked_trial_is_refused_if_anything_has_changed(golden, stand_in, cap
     shutil.copy(golden / "bids/sub-005/anat/sub-005_roi.nii.gz", truth)
     refused("locked with other parameters: files")
     truth.write_bytes(before)
+    table = golden / "bids/participants.tsv"
+    rows = table.read_text()
+    table.write_text(f"{rows}sub-099\tfcd\t1\ttest\ta\n")
+    refused("locked with other parameters: table of participants")
+    table.write_text(rows)
+    refused("locked with other parameters: marks of others", more=["--candidates-of", golden / "other.csv"])
     with stand_in.open("a") as program:
         program.write("# another one\n")
     refused("locked with another program")
     assert run(golden, results="other") == 0
     refused("--freeze comes too late", more=["--freeze"], results="other")
+    # A lock that was interrupted is no result.
+    (golden / "cut").mkdir()
+    (golden / "cut/frozen.json.part").write_text("{")
+    assert run(golden, "--freeze", "--candidates-of", golden / "other.csv", results="cut") == 0
+    assert sorted(path.name for path in (golden / "cut").iterdir() if path.is_file()) == [
+        "frozen.json",
+        "report.html",
+        "report.json",
+    ]
+    with (golden / "other.csv").open("a") as marks:
+        marks.write("sub-002,1,2,3,4\n")
+    more = ["--candidates-of", golden / "other.csv"]
+    refused("locked with other parameters: marks of others", more=more, results="cut")
+
+
+def test_a_trial_ends_with_the_words_of_a_program_that_could_not_begin(golden, stand_in, capfd):
+    for status in (65, 66):
+        stand_in.write_text(f"#!/bin/sh\necho 'error: there is no head' >&2\nexit {status}\n")
+        assert run(golden) == 2
+        first, last = capfd.readouterr().err.splitlines()
+        assert first == "error: there is no head" and f"ended with the status {status}" in last
+
+
+@pytest.mark.usefixtures("known_places")
+def test_a_place_that_cannot_be_written_is_an_error(golden, capsys):
+    (golden / "file").touch()
+    (golden / "results/report.html.part").mkdir(parents=True)
+    for results in ("file", "results"):
+        assert run(golden, "--derivatives", golden / "derivatives", results=results) == 2
+        assert f"{golden / results}" in capsys.readouterr().err
 
 
 def test_a_folder_without_what_a_trial_needs_is_refused_before_any_work(tmp_path, capsys):
