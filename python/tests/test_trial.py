@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from isocortex import Case, IsocortexError
 from isocortex.trial import __main__ as trial
 from isocortex.trial import heads as trial_heads
 from isocortex.trial import repeat
@@ -354,17 +355,18 @@ def test_a_truth_that_was_drawn_on_the_flair_moves_with_it(golden):
     os.remove(anat / "sub-012_roi.nii.gz")
     (anat / "sub-012_FLAIR.nii.gz").touch()
 
-    def lesions_with(**facts):
+    def lesions_with(registered="sub-012_FLAIR.nii.gz", **facts):
         if facts:
             path = Path(f"{prefix}_from-FLAIR_to-T1w_mode-image_xfm.json")
-            path.write_text(json.dumps({"Matrix": np.linalg.inv(shift).tolist(), **facts}))
+            sources = ["bids:raw:sub-012/anat/sub-012_T1w.nii.gz", f"bids:raw:sub-012/anat/{registered}"]
+            path.write_text(json.dumps({"Sources": sources, "Matrix": np.linalg.inv(shift).tolist(), **facts}))
         run(golden, "--derivatives", golden / "derivatives")
         return {row["head"]: row for row in report(golden)["heads"]}["sub-012"]["lesions"]
 
     def remarks():
         return [row["reason"] for row in report(golden)["remarks"] if row["head"] == "sub-012"]
 
-    assert {lesion["truth"] for lesion in lesions_with()} == {"drawn on a FLAIR that is missing"}
+    assert {lesion["truth"] for lesion in lesions_with()} == {"drawn on a FLAIR that is not registered"}
     assert any("lies where its header places it" in reason for reason in remarks())
     assert "registration in doubt" in lesions_with(Verdict="failed")[0]["truth"]
     found = lesions_with(Verdict="registered")
@@ -373,6 +375,20 @@ def test_a_truth_that_was_drawn_on_the_flair_moves_with_it(golden):
         del other["truth"]
         assert lesion.pop("false_marks") == other.pop("false_marks")
         assert lesion == pytest.approx(other, abs=1e-3)
+
+    # There are two FLAIRs with other voxels, of which the second is registered: its name is most like that of the T1.
+    (anat / "sub-012_FLAIR.nii.gz").unlink()
+    mask, blank = anat / "sub-012_roi.nii.gz", np.zeros(image.shape, np.uint8)
+    (anat / "sub-012_FLAIR_roi.nii.gz").rename(mask)
+    nib.save(nib.Nifti1Image(blank, image.affine), anat / "sub-012_T1w.nii.gz")
+    nib.save(nib.Nifti1Image(blank, shift @ image.affine), anat / "sub-012_acq-á_FLAIR.nii.gz")
+    nib.save(nib.Nifti1Image(blank[1:], shift @ image.affine), anat / "sub-012_acq-b_FLAIR.nii.gz")
+    for registered, place in {"acq-%C3%A1": "registered", "acq-b": "that is not registered"}.items():
+        found = lesions_with(f"sub-012_{registered}_FLAIR.nii.gz", Verdict="registered")
+        assert place in found[0]["truth"] and ("not" in place) == bool(remarks())
+    for name, place in {"acq-á_FLAIR_roi": "that is not registered", "acq-b_FLAIR_roi": ", registered"}.items():
+        mask = mask.rename(anat / f"sub-012_{name}.nii.gz")
+        assert place in lesions_with()[0]["truth"]
 
 
 @pytest.mark.usefixtures("known_places")
@@ -433,11 +449,47 @@ def test_a_locked_trial_is_refused_if_anything_has_changed(golden, stand_in, cap
     shutil.copy(golden / "bids/sub-005/anat/sub-005_roi.nii.gz", truth)
     refused("locked with other parameters: files")
     truth.write_bytes(before)
+    table = golden / "bids/participants.tsv"
+    rows = table.read_text()
+    table.write_text(f"{rows}sub-099\tfcd\t1\ttest\ta\n")
+    refused("locked with other parameters: table of participants")
+    table.write_text(rows)
+    refused("locked with other parameters: marks of others", more=["--candidates-of", golden / "other.csv"])
     with stand_in.open("a") as program:
         program.write("# another one\n")
     refused("locked with another program")
     assert run(golden, results="other") == 0
     refused("--freeze comes too late", more=["--freeze"], results="other")
+    # A lock that was interrupted is no result.
+    (golden / "cut").mkdir()
+    (golden / "cut/frozen.json.part").write_text("{")
+    assert run(golden, "--freeze", "--candidates-of", golden / "other.csv", results="cut") == 0
+    assert sorted(path.name for path in (golden / "cut").iterdir() if path.is_file()) == [
+        "frozen.json",
+        "report.html",
+        "report.json",
+    ]
+    with (golden / "other.csv").open("a") as marks:
+        marks.write("sub-002,1,2,3,4\n")
+    more = ["--candidates-of", golden / "other.csv"]
+    refused("locked with other parameters: marks of others", more=more, results="cut")
+
+
+def test_a_trial_ends_with_the_words_of_a_program_that_could_not_begin(golden, stand_in, capfd):
+    for status in (65, 66):
+        stand_in.write_text(f"#!/bin/sh\necho 'error: there is no head' >&2\nexit {status}\n")
+        assert run(golden) == 2
+        first, last = capfd.readouterr().err.splitlines()
+        assert first == "error: there is no head" and f"ended with the status {status}" in last
+
+
+@pytest.mark.usefixtures("known_places")
+def test_a_place_that_cannot_be_written_is_an_error(golden, capsys):
+    (golden / "file").touch()
+    (golden / "results/report.html.part").mkdir(parents=True)
+    for results in ("file", "results"):
+        assert run(golden, "--derivatives", golden / "derivatives", results=results) == 2
+        assert f"{golden / results}" in capsys.readouterr().err
 
 
 def test_a_folder_without_what_a_trial_needs_is_refused_before_any_work(tmp_path, capsys):
@@ -542,3 +594,29 @@ def test_scans_that_cannot_be_compared_are_stated(tmp_path, capsys):
     assert "no head in" in capsys.readouterr().err
     assert repeat.main(["--pair", str(one), str(one)]) == 0
     assert "| anat/sub-1_T1w.nii.gz | sub-1_T1w.nii.gz | the first scan has no maps: " in capsys.readouterr().out
+
+
+def test_one_pair_that_fails_leaves_the_others(folder, tmp_path, capsys, monkeypatch):
+    head, brain = nib.load(folder / "head.nii.gz"), nib.load(folder / "brain.nii.gz")
+    image = nib.Nifti1Image(np.asarray(head.dataobj) * np.asarray(brain.dataobj), head.affine)
+    for person in ("sub-1", "sub-2"):
+        (tmp_path / person / "anat").mkdir(parents=True)
+        for number in (1, 2):
+            nib.save(image, tmp_path / person / f"anat/{person}_run-{number}_T1w.nii.gz")
+    add_layer = Case.add_layer
+
+    def refusing(case, volume, name):
+        if "sub-2" in volume.name:
+            raise IsocortexError("too many layers")
+        return add_layer(case, volume, name)
+
+    monkeypatch.setattr(Case, "add_layer", refusing)
+    deleted = []
+    delete = Case.delete
+    monkeypatch.setattr(Case, "delete", lambda case: (deleted.append(case.id), delete(case)))
+    assert repeat.main([str(tmp_path), "--json"]) == 0
+    one, two = json.loads(capsys.readouterr().out)
+    assert one["of_first"] == [1.0, 1.0, 1.0] and two["of_first"] is None
+    assert two["placement"] == "the second scan cannot be brought to the first: too many layers"
+    # Both files of a pair are one case.
+    assert len(deleted) == 2

@@ -3,6 +3,8 @@
 use std::io::Write as _;
 use std::path::Path;
 
+use axum::body::Body;
+use axum::http::{Request, header};
 use serde_json::Value;
 use zip::write::{SimpleFileOptions, ZipWriter};
 
@@ -306,6 +308,24 @@ async fn what_is_wrong_with_a_subject_is_said_of_its_file() {
         assert!(detail.contains(words), "{detail}");
         assert!(!detail.contains("s/mri"), "{detail}");
     }
+}
+
+#[tokio::test]
+async fn a_form_with_the_files_of_two_subjects_is_refused() {
+    let server = Server::start().await;
+    let part = "--x\r\nContent-Disposition: form-data; name=\"dicom\"; filename=\"mri/T1.mgz\"\r\n\r\nvoxels\r\n";
+    let request = Request::post("/v1/cases")
+        .header(header::CONTENT_TYPE, "multipart/form-data; boundary=x")
+        .body(Body::from(format!("{part}{part}--x--\r\n")))
+        .unwrap();
+    let refused = server.send(request).await;
+    assert_eq!(
+        (refused.status.as_u16(), &*refused.problem()),
+        (400, "form-unreadable"),
+        "{refused:?}"
+    );
+    let detail = refused.json()["detail"].as_str().unwrap().to_owned();
+    assert!(detail.contains("`mri/T1.mgz` twice"), "{detail}");
 }
 
 #[tokio::test]

@@ -11,7 +11,7 @@ import { isOfOther } from "../src/page/findings-files.tsx";
 import { parsed } from "../src/model/text.ts";
 import { readPreferences } from "../src/store/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
-import { ofSubject, partName, sortFiles, uploadName } from "../src/page/upload-files.ts";
+import { ofSubject, partName, sequenceOf, sortFiles, uploadName } from "../src/page/upload-files.ts";
 import english from "../src/words.en.json";
 import portuguese from "../src/words.pt-BR.json";
 import { SHOWN } from "./shown.ts";
@@ -230,8 +230,11 @@ test("files are sorted by what they are", () => {
     },
   );
   const { dicom, volume: none } = sortFiles(folder, null);
-  assert.deepEqual([dicom.map(({ name }) => name), none], [subject, null]);
-  assert.deepEqual([partName("surf/lh.white", 3), partName("Smith.IMA", 3)], ["surf/lh.white", "4.dcm"]);
+  assert.deepEqual([dicom.map(({ name }, index) => partName(name, index)), none], [subject, null]);
+  assert.equal(partName("Smith.IMA", 3), "4.dcm");
+  assert.equal(sequenceOf(file("/CT study/mri/T1.mgz"))?.name, "T1");
+  const two = sortFiles([...folder, file("/fsaverage/surf/lh.white")], null);
+  assert.deepEqual([two.trouble, two.dicom], ["upload.too-many", []]);
   assert.equal(sortFiles([], null).trouble, "upload.nothing");
   assert.equal(sortFiles([head, large, small], null).trouble, "upload.too-many");
   assert.equal(sortFiles([zip, file("b.zip")], null).trouble, "upload.too-many");

@@ -13,9 +13,9 @@ from typing import Any
 from .._http import IsocortexError
 from .._program import find_program
 from .figures import PLACES, SEED, Patient, differences, figures
-from .heads import Judgeable, NoMapsError, Outputs, read_head, run_program
+from .heads import DESCRIPTION, Judgeable, NoMapsError, Outputs, read_head, run_program
 from .judge import MarkList, judge, marks_of_file
-from .lock import locked, sha256
+from .lock import locked, sha256, write
 from .report import Report
 from .selection import Choice, Remark, Selection, Wish, heads_of, select
 from .truth import RULES
@@ -66,7 +66,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--freeze", action="store_true", help=freeze)
     others = "also judge the marks of another program, a table with participant_id, x, y, z (scanner RAS mm) and score"
     add("--candidates-of", type=Path, action="append", default=[], metavar="FILE", help=others)
-    add("--jobs", type=_jobs, default=1, metavar="N", help="heads at the same time; each needs 2 to 4 GB (default: 1)")
+    add(
+        "--jobs",
+        type=_jobs,
+        default=1,
+        metavar="N",
+        help="heads at the same time; one of 256³ voxels needs 0.75 GB (default: 1)",
+    )
     add("--json", action="store_true", help="print the figures as JSON")
     return parser
 
@@ -89,8 +95,8 @@ def _wish(arguments: argparse.Namespace) -> Wish:
 
 
 def _locked(selection: Selection, pattern: str, wish: Wish, arguments: argparse.Namespace) -> dict[str, Any] | None:
-    def files(paths: list[Path]) -> dict[str, str]:
-        return {path.name: sha256(path) for path in paths}
+    def files(paths: list[Path]) -> list[list[str]]:
+        return [[path.name, sha256(path)] for path in paths]
 
     is_locked = arguments.freeze or (arguments.results / "frozen.json").exists()
     if is_locked and arguments.derivatives:
@@ -109,9 +115,11 @@ def _locked(selection: Selection, pattern: str, wish: Wish, arguments: argparse.
         "strata": wish.strata,
         "heads": {head.files.name: head.role for head in selection.chosen},
         "files": {
-            head.files.name: files([*head.files.t1[:1], *head.files.flair[:1], *head.files.truths])
+            head.files.name: files([*head.files.t1[:1], *head.files.flair, *head.files.truths])
             for head in selection.chosen
         },
+        "table of participants": files([selection.table] if selection.table else []),
+        "marks of others": files(arguments.candidates_of),
     }
     return locked(arguments.results, program, parameters, arguments.freeze)
 
@@ -202,7 +210,7 @@ def trial(arguments: argparse.Namespace) -> Report:
 
 def _version(derivatives: Path) -> str:
     """That of the program which has prepared the heads."""
-    path = derivatives / "dataset_description.json"
+    path = derivatives / DESCRIPTION
     try:
         return str(json.loads(path.read_text())["GeneratedBy"][0]["Version"])
     except (OSError, LookupError, ValueError, TypeError) as error:
@@ -213,13 +221,13 @@ def main(words: list[str] | None = None) -> int:
     arguments = _parser().parse_args(words)
     try:
         report = trial(arguments)
-    except IsocortexError as error:
+        figures = json.dumps(report.json(), indent=2) + "\n"
+        write(arguments.results / "report.json", figures)
+        page = arguments.results / "report.html"
+        write(page, report.html())
+    except (IsocortexError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    figures = json.dumps(report.json(), indent=2) + "\n"
-    (arguments.results / "report.json").write_text(figures)
-    page = arguments.results / "report.html"
-    page.write_text(report.html(), encoding="utf-8")
     print(figures if arguments.json else f"{report.text()}\n{page}")
     return 0
 

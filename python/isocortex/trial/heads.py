@@ -10,6 +10,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Sequence
+from urllib.parse import unquote
 
 import numpy as np
 from scipy import ndimage
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 MIDDLE_MM = 5.0
 # The exit status of `isocortex bids` if it has refused a head.
 SOME_ARE_NOT_DONE = 65
+# What it writes before the first head.
+DESCRIPTION = "dataset_description.json"
 # How a truth was brought to the T1-weighted volume, by the verdict on the registration of the FLAIR.
 ON_T1 = "drawn on the T1"
 ON_FLAIR = {
@@ -41,7 +44,7 @@ METHODS = {
     "network": "brain extracted by the network",
     "tree_pruning": "brain extracted by tree pruning",
 }
-FLAIR_MISSING = "drawn on a FLAIR that is missing"
+NOT_REGISTERED = "drawn on a FLAIR that is not registered"
 
 
 class NoMapsError(Exception):
@@ -120,7 +123,7 @@ class Judgeable:
         if len(files.t1) > 1:
             found.append(f"{len(files.t1)} T1-weighted volumes; {files.t1[0].name} is used")
         for truth in self.truths:
-            if truth.place in (ON_FLAIR["failed"], FLAIR_MISSING):
+            if truth.place in (ON_FLAIR["failed"], NOT_REGISTERED):
                 found.append(f"{truth.path.name}: {truth.place}; it lies where its header places it")
         if any(lesion.depth_mm <= 0 for lesion in self.found):
             found.append("the centre of a lesion lies outside the brain; check its file")
@@ -137,7 +140,7 @@ def run_program(bids: Path, derivatives: Path, heads: Sequence[HeadFiles], jobs:
     command = [find_program(), "bids", str(bids), str(derivatives), "participant", "--skip-bids-validation"]
     command += ["--jobs", str(jobs), "--participant-label", *(head.name[4:] for head in heads)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-    if done.returncode not in (0, SOME_ARE_NOT_DONE):
+    if done.returncode not in (0, SOME_ARE_NOT_DONE) or not (derivatives / DESCRIPTION).is_file():
         raise IsocortexError(f"isocortex bids ended with the status {done.returncode}; its lines above state why")
 
 
@@ -147,7 +150,11 @@ class Outputs:
     def __init__(self, derivatives: Path, bids: Path, t1: Path) -> None:
         self._prefix = str(derivatives / t1.parent.relative_to(bids) / stem(t1)[: -len("_T1w")])
         self.head = os.path.basename(self._prefix)
-        self._derivatives = derivatives
+        self._derivatives, self._bids = derivatives, bids
+
+    def raw(self, uri: str) -> Path:
+        """The file of the BIDS folder with a BIDS URI."""
+        return self._bids / unquote(uri.split(":", 2)[2])
 
     def path(self, suffix: str) -> Path:
         return Path(f"{self._prefix}_{suffix}")
@@ -223,27 +230,37 @@ def read_head(chosen: Chosen, outputs: Outputs) -> Judgeable:
 
 def placed(truth: Path, files: HeadFiles, outputs: Outputs) -> Truth:
     """Where a truth belongs. One that was drawn on the FLAIR moves as the FLAIR does."""
-    if not is_drawn_on_flair(truth, files):
+    facts = outputs.json("from-FLAIR_to-T1w_mode-image_xfm.json")
+    registered = outputs.raw(facts["Sources"][1]) if facts else None
+    flair = drawn_on(truth, files, registered)
+    if flair == files.t1[0]:
         return Truth(truth, ON_T1, np.eye(4))
-    is_beside = bool(files.flair) and files.flair[0].parent == files.t1[0].parent
-    facts = outputs.json("from-FLAIR_to-T1w_mode-image_xfm.json") if is_beside else None
-    if facts is None:
-        return Truth(truth, FLAIR_MISSING, np.eye(4))
+    if facts is None or flair != registered:
+        return Truth(truth, NOT_REGISTERED, np.eye(4))
     return Truth(truth, ON_FLAIR[facts["Verdict"]], np.array(facts["Matrix"], float))
 
 
-def is_drawn_on_flair(truth: Path, files: HeadFiles) -> bool:
-    """Whether its name is that of a FLAIR, or it has the voxels of the FLAIR and not those of the T1."""
-    if "_FLAIR" in stem(truth):
-        return True
-    if "_T1w" in stem(truth) or not files.flair:
-        return False
-    own, t1, flair = (opened(path) for path in (truth, files.t1[0], files.flair[0]))
+def drawn_on(truth: Path, files: HeadFiles, registered: Path | None) -> Path | None:
+    """The volume on which a truth was drawn, by its name or else by its voxels; `None` for an unknown FLAIR."""
+    name = stem(truth)
+    if "_T1w" in name:
+        return files.t1[0]
+    # Of two FLAIRs with the same voxels, the one that is registered.
+    offers = sorted(files.flair, key=lambda flair: flair != registered)
+    is_on_flair = "_FLAIR" in name
+    if is_on_flair:
+        offers = [flair for flair in offers if name.startswith(stem(flair))] or offers
+    else:
+        offers.insert(0, files.t1[0])
+    if len(offers) == 1:
+        return offers[0]
+    own = opened(truth)
+    alike = (volume for volume in offers if _have_same_voxels(own, opened(volume)))
+    return next(alike, None if is_on_flair else files.t1[0])
 
-    def is_same(other: Volume) -> bool:
-        return bool(own.data.shape == other.data.shape and np.abs(own.affine - other.affine).max() <= 1e-3)
 
-    return is_same(flair) and not is_same(t1)
+def _have_same_voxels(one: Volume, other: Volume) -> bool:
+    return bool(one.data.shape == other.data.shape and np.abs(one.affine - other.affine).max() <= 1e-3)
 
 
 def _found(lesion: Lesion, plane: Plane, depth: Volume, blur: Volume) -> FoundLesion:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,17 @@ def sha256(path: Path) -> str:
     except OSError as error:
         raise IsocortexError(f"{path} cannot be read: {error}") from error
     return digest.hexdigest()
+
+
+def write(path: Path, text: str) -> None:
+    """Writes a file that is there as a whole or not at all."""
+    part = _part(path)
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)
+
+
+def _part(path: Path) -> Path:
+    return path.with_name(f"{path.name}.part")
 
 
 def _state(program: Path, parameters: dict[str, Any]) -> dict[str, Any]:
@@ -42,12 +54,13 @@ def locked(results: Path, program: Path, parameters: dict[str, Any], is_requeste
     if not path.exists():
         if not is_requested:
             return None
-        first = sorted(results.iterdir())[:1]
+        # What an interrupted lock has left is no result.
+        first = sorted(set(results.iterdir()) - {_part(path)})[:1]
         if first:
             late = f"--freeze comes too late: {first[0]} exists already"
             raise IsocortexError(f"{late}; name an empty directory with --results")
         state = _state(program, parameters)
-        path.write_text(json.dumps(state, indent=2) + "\n")
+        write(path, json.dumps(state, indent=2) + "\n")
         return state
     try:
         stored: dict[str, Any] = json.loads(path.read_text())

@@ -7,6 +7,7 @@ chance means the places of the second scan, mirrored. The second scan is brought
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 from dataclasses import asdict, dataclass
@@ -90,9 +91,23 @@ def repeated(ones: Floats, others: Floats, count: int) -> float:
 
 
 def compare(pair: Pair, server: Server) -> Repeated:
-    """Compares the places of both scans. A head without maps is no error: the result states the reason."""
+    """Compares the places of both scans. If they cannot be compared, the result states the reason."""
     result = Repeated(pair.name, pair.second.name, "")
     cases: list[Case] = []
+    try:
+        _compare(pair, server, cases, result)
+    except IsocortexError as error:
+        result.placement = result.placement or f"the second scan cannot be brought to the first: {error}"
+    finally:
+        # Two files with the same bytes are one case.
+        for case in {case.id: case for case in cases}.values():
+            with contextlib.suppress(IsocortexError):
+                case.delete()
+    return result
+
+
+def _compare(pair: Pair, server: Server, cases: list[Case], result: Repeated) -> None:
+    """Adds what is found to a result, and the cases that are made to a list."""
     marks: list[Marks] = []
     for which, path in zip(("first", "second"), pair[1:]):
         try:
@@ -100,11 +115,11 @@ def compare(pair: Pair, server: Server) -> Repeated:
             marks.append(marks_of(cases[-1]))
         except IsocortexError as error:
             result.placement = f"the {which} scan has no maps: {error}"
-            return result
+            return
     layer = cases[0].add_layer(pair.second, "second scan")
     if layer["verdict"] == "unchecked":
         result.placement = "the two scans do not fit each other: are they of one person?"
-        return result
+        return
     result.placement = {"registered": "registered", "unchanged": "fits by its header"}[layer["verdict"]]
     first = marks[0].positions
     brought = moved(FLIP @ np.array(layer["case_from_layer"]) @ FLIP, marks[1].positions)
@@ -116,9 +131,6 @@ def compare(pair: Pair, server: Server) -> Repeated:
         both = hits(first[: unusual[0]], brought[: FIRST[-1]]) + hits(brought[: unusual[1]], first[: FIRST[-1]])
         result.of_unusual = both / sum(unusual)
     result.unusual = unusual
-    for case in cases:
-        case.delete()
-    return result
 
 
 def line(result: Repeated) -> str:

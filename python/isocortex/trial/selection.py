@@ -192,12 +192,14 @@ class Selection:
     folders: int
     chosen: list[Chosen]
     left_out: list[Remark]
+    table: Path | None
+    """The table of participants."""
 
 
 def select(bids: Path, heads: list[HeadFiles], wish: Wish) -> Selection:
     """Chooses the heads, or states why there is no trial."""
     table = _table(bids, wish)
-    selection = Selection(len(heads), [], [])
+    selection = Selection(len(heads), [], [], table.path if table else None)
     for row in table.rows if table else []:
         if not any(is_same_head(row.id, head.name) for head in heads):
             selection.left_out.append(Remark(row.id, "in the table of participants, but without a folder"))

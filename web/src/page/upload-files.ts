@@ -34,11 +34,8 @@ const isLitter = ({ name, size }: Named): boolean =>
 const SUBJECT =
   /(mri\/(T1|orig|nu|\w*mask|aparc.*)\.mgz|surf\/.h\.(white|pial|thickness|curv|sulc)|label\/.h\.aparc.*annot)$/;
 
-/** A file at a path in a folder: what is of a subject has its path there for its name. */
-export function ofSubject(file: File, path: string): File {
-  const name = SUBJECT.exec(path)?.[0];
-  return name ? new File([file], name) : file;
-}
+/** A file at a path in a folder: what is of a subject has that path for its name, which tells subjects apart. */
+export const ofSubject = (file: File, path: string): File => (SUBJECT.test(path) ? new File([file], path) : file);
 
 /** Sorts files; `mask` is one that was chosen as such. */
 export function sortFiles<F extends Named>(files: readonly F[], mask: F | null): Sorted<F> {
@@ -54,7 +51,9 @@ export function sortFiles<F extends Named>(files: readonly F[], mask: F | null):
     ...part,
   });
   const subject = files.filter(({ name }) => SUBJECT.test(name));
-  if (subject.length > 0) return sorted({ dicom: subject });
+  const folders = new Set(subject.map(({ name }) => name.replace(SUBJECT, "")));
+  if (folders.size > 1) return sorted({ trouble: "upload.too-many" });
+  if (folders.size > 0) return sorted({ dicom: subject });
   if (nifti.length + zips.length === 0) {
     const [volume, another] = rest;
     if (!volume) return sorted({ trouble: "upload.nothing" });
@@ -112,7 +111,7 @@ const SEQUENCES: readonly (readonly [RegExp, string, LayerKind])[] = [
 
 /** The sequence and the kind that a file's name tells, if it is a NIfTI: DICOM has both in its header. */
 export function sequenceOf(file: Named): { readonly name: string; readonly kind: LayerKind } | null {
-  const found = isNifti(file) ? SEQUENCES.find(([pattern]) => pattern.test(file.name)) : undefined;
+  const found = isNifti(file) ? SEQUENCES.find(([pattern]) => pattern.test(file.name.replace(/.*\//, ""))) : undefined;
   return found ? { name: found[1], kind: found[2] } : null;
 }
 
@@ -124,8 +123,8 @@ export function freeName(wanted: string, taken: readonly string[]): string {
   }
 }
 
-/** The name of one of several files: a number, but for what is of a subject. */
-export const partName = (name: string, index: number): string => (SUBJECT.test(name) ? name : `${index + 1}.dcm`);
+/** The name of one of several files: a number, or its path in the folder of its subject. */
+export const partName = (name: string, index: number): string => SUBJECT.exec(name)?.[0] ?? `${index + 1}.dcm`;
 
 /** A name that says what the file is, and nothing of the patient. */
 export function uploadName(part: string, name: string): string {

@@ -181,11 +181,16 @@ impl DicomParts {
             let mut known = subject_files();
             known.find(|name| name == sent)
         });
-        // What is sent twice is no part of a subject.
-        let is_new = |name: &String| !directory.path().join(name).exists();
-        let of_subject = of_subject.map(|name| flat_name(&name)).filter(is_new);
-        let name = of_subject.unwrap_or_else(|| self.count.to_string());
-        let path = directory.path().join(name);
+        let name = of_subject.as_deref().map(flat_name);
+        let path = directory
+            .path()
+            .join(name.unwrap_or_else(|| self.count.to_string()));
+        if let Some(name) = of_subject
+            && path.exists()
+        {
+            let detail = format!("the form has `{name}` twice; send the files of one subject");
+            return Err(AppError::bad_request("form-unreadable", detail));
+        }
         self.count += 1;
         let disk = |error| AppError::from(StoreError::Disk(error));
         let file = tokio::fs::File::create_new(path).await.map_err(disk)?;
