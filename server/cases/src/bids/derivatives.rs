@@ -1,6 +1,8 @@
 //! The folder of what is derived from the heads of a BIDS folder.
 
-use std::io::ErrorKind;
+use std::fs::Permissions;
+use std::io::{ErrorKind, Write as _};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -13,6 +15,9 @@ const BIDS_VERSION: &str = "1.10.0";
 
 /// The name by which it is known who made the folder.
 const GENERATOR: &str = "Isocortex";
+
+/// How the name of a file ends that is not yet written whole.
+const PART: &str = ".part";
 
 /// What validators leave out: BIDS has no names for maps, places, surfaces and transforms yet, nor for reports and pictures.
 const IGNORED: &str =
@@ -79,8 +84,13 @@ impl Derivatives {
                 "DatasetLinks": {"raw": format!("file://{}", encoded(&raw.to_string_lossy()))},
             }),
         )?;
-        this.write(&root.join(".bidsignore"), IGNORED.as_bytes())?;
-        this.write(&root.join("README.md"), README.as_bytes())?;
+        for (name, text) in [(".bidsignore", IGNORED), ("README.md", README)] {
+            let path = root.join(name);
+            // The user may have put one there.
+            if read(&path)?.is_none() {
+                this.write(&path, text.as_bytes())?;
+            }
+        }
         Ok(this)
     }
 
@@ -103,11 +113,16 @@ impl Derivatives {
         self.root.join(format!("{}.html", name.prefix))
     }
 
+    /// The folder of the pictures of a subject.
+    fn figures(&self, name: &HeadName) -> PathBuf {
+        let subject: PathBuf = name.folder.components().take(1).collect();
+        self.root.join(subject).join("figures")
+    }
+
     /// The picture of a head.
     pub fn picture(&self, name: &HeadName) -> PathBuf {
-        let subject: PathBuf = name.folder.components().take(1).collect();
         let file = format!("{}_desc-cut.png", name.prefix);
-        self.root.join(subject).join("figures").join(file)
+        self.figures(name).join(file)
     }
 
     /// The file that is written last.
@@ -151,7 +166,7 @@ impl Derivatives {
         self.write_json(&self.record_path(name), &record)
     }
 
-    /// Removes what an earlier run wrote of a head, the record first.
+    /// Removes what an earlier run wrote of a head, the record first, and the parts of files of a run that was killed.
     ///
     /// # Errors
     /// If something cannot be removed.
@@ -163,38 +178,50 @@ impl Derivatives {
             }),
             _ => Ok(()),
         };
-        for path in [
-            self.record_path(name),
-            self.report(name),
-            self.picture(name),
-        ] {
-            gone(&path)?;
-        }
+        gone(&self.record_path(name))?;
         // The entities that only derivatives have; another run or session of the subject has others before them.
-        let starts = ["desc", "hemi", "from"].map(|entity| format!("{}_{entity}-", name.prefix));
-        let anat = self.anat(name);
-        for entry in std::fs::read_dir(&anat).into_iter().flatten().flatten() {
-            let file = entry.file_name();
-            let is_own = |start: &String| file.to_string_lossy().starts_with(start);
-            if starts.iter().any(is_own) {
-                gone(&entry.path())?;
+        let [desc, hemi, from] =
+            ["desc", "hemi", "from"].map(|entity| format!("{}_{entity}-", name.prefix));
+        let report = format!("{}.html", name.prefix);
+        for (folder, starts) in [
+            (self.anat(name), &[&desc, &hemi, &from][..]),
+            (self.figures(name), &[&desc]),
+            (self.root.clone(), &[&report]),
+        ] {
+            for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
+                let file = entry.file_name();
+                let file = file.to_string_lossy();
+                let part = file.strip_prefix('.').filter(|_| file.ends_with(PART));
+                let file = part.unwrap_or(&file);
+                if starts.iter().any(|start| file.starts_with(*start)) {
+                    gone(&entry.path())?;
+                }
             }
         }
         Ok(())
     }
 
-    /// Writes a whole file: under another name first, so that whoever ends the program leaves no part of it.
+    /// Writes a whole file: under a name of its own first, so that whoever ends the program leaves no part of it, and programs with one folder
+    /// do not meet.
     ///
     /// # Errors
     /// If it, or its folder, cannot be written.
     pub fn write(&self, path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
         let folder = path.parent().unwrap_or(&self.root);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let part = folder.join(format!(".{name}.part"));
-        let written = std::fs::create_dir_all(folder)
-            .and_then(|()| std::fs::write(&part, bytes))
-            .and_then(|()| std::fs::rename(&part, path));
-        written.map_err(|source| OutputError::Unwritable {
+        let write = || {
+            std::fs::create_dir_all(folder)?;
+            let mut part = tempfile::Builder::new()
+                .prefix(&format!(".{name}."))
+                .suffix(PART)
+                // As those of other files: the process restricts them.
+                .permissions(Permissions::from_mode(0o666))
+                .tempfile_in(folder)?;
+            part.write_all(bytes)?;
+            part.persist(path)?;
+            Ok(())
+        };
+        write().map_err(|source| OutputError::Unwritable {
             path: path.to_owned(),
             source,
         })
@@ -247,3 +274,78 @@ T1-weighted volume, all positions are in its scanner space (RAS, mm):
 - `hemi-L_desc-8mm_cut.surf.gii`: the cut 8 mm below the envelope of a half of the cerebrum.
 - `from-FLAIR_to-T1w_mode-image_xfm.json`: where the FLAIR lies.
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn open(folder: &Path) -> Derivatives {
+        let raw = folder.join("raw");
+        std::fs::create_dir_all(&raw).unwrap();
+        let out = folder.join("out");
+        Derivatives::open(&out, &raw, &MadeWith::new("0", None, "")).unwrap()
+    }
+
+    #[test]
+    fn several_programs_write_into_one_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = open(folder.path());
+        let path = out.root().join("summary.tsv");
+        std::thread::scope(|scope| {
+            let write = |letter: u8| {
+                let (out, path) = (&out, &path);
+                scope.spawn(move || {
+                    for _ in 0..200 {
+                        out.write(path, &[letter; 4096]).unwrap();
+                    }
+                })
+            };
+            let _threads = [b'a', b'b', b'c'].map(write);
+            for _ in 0..200 {
+                let found = read(&path).unwrap().unwrap_or_default();
+                assert!(found.iter().all(|letter| *letter == found[0]));
+                assert!([0, 4096].contains(&found.len()));
+            }
+        });
+        let plain = out.root().join("plain");
+        std::fs::write(&plain, "").unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&path), mode(&plain));
+    }
+
+    #[test]
+    fn parts_of_a_killed_run_go_and_what_the_user_wrote_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path().join("out");
+        std::fs::create_dir_all(root.join("sub-1/anat")).unwrap();
+        std::fs::create_dir_all(root.join("sub-1/figures")).unwrap();
+        std::fs::write(root.join("README.md"), "mine").unwrap();
+        let own = [
+            "sub-1/anat/sub-1_desc-depth_map.nii.gz",
+            "sub-1/anat/.sub-1_desc-depth_map.nii.gz.abc.part",
+            "sub-1/figures/.sub-1_desc-cut.png.abc.part",
+            "sub-1/figures/sub-1_desc-cut.png",
+            ".sub-1.html.abc.part",
+            "sub-1.html",
+        ];
+        let other = [
+            "sub-1/anat/sub-1_run-2_desc-depth_map.nii.gz",
+            "sub-1/anat/.sub-1_run-2_desc-depth_map.nii.gz.abc.part",
+            "sub-10.html",
+        ];
+        for file in own.iter().chain(&other) {
+            std::fs::write(root.join(file), "").unwrap();
+        }
+        let out = open(folder.path());
+        let name = HeadName {
+            folder: "sub-1".into(),
+            prefix: "sub-1".to_owned(),
+        };
+        out.clear(&name).unwrap();
+        let is_there = |file: &&str| root.join(file).exists();
+        assert!(!own.iter().any(|file| is_there(&file)));
+        assert!(other.iter().all(|file| is_there(&file)));
+        let readme = std::fs::read_to_string(root.join("README.md")).unwrap();
+        assert_eq!(readme, "mine");
+    }
+}

@@ -83,8 +83,10 @@ pub struct Found {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Folder {
     pub root: PathBuf,
-    /// In the order of their names.
+    /// Those that are meant, in the order of their names.
     pub heads: Vec<Found>,
+    /// All others.
+    pub others: Vec<Found>,
 }
 
 /// Which heads are meant. An empty list is all of them.
@@ -116,24 +118,36 @@ impl Folder {
             });
         }
         let wanted = chosen("sub", &subjects, labels.participants)?;
-        let mut heads = Vec::new();
-        let mut sessions = BTreeSet::new();
-        for subject in wanted {
-            add_subject(root, subject, labels.sessions, (&mut heads, &mut sessions))?;
-        }
-        let sessions: Vec<_> = sessions.into_iter().collect();
+        let (heads, sessions) = heads_of(root, &wanted, labels.sessions);
         for label in labels.sessions {
             let name = with_prefix("ses", label);
             if !sessions.contains(&name) {
                 return Err(no_such("ses", label, &sessions));
             }
         }
-        heads.sort_by(|a, b| a.name.cmp(&b.name));
+        let is_other = |found: &Found| heads.iter().all(|head| head.name != found.name);
+        let others = if labels.participants.is_empty() && labels.sessions.is_empty() {
+            Vec::new()
+        } else {
+            let (all, _) = heads_of(root, &subjects, &[]);
+            all.into_iter().filter(is_other).collect()
+        };
         Ok(Self {
             root: root.to_owned(),
             heads,
+            others,
         })
     }
+}
+
+/// The heads of some subjects in the sessions that are meant, and the names of all their sessions.
+fn heads_of(root: &Path, subjects: &[&str], labels: &[String]) -> (Vec<Found>, Vec<String>) {
+    let (mut heads, mut sessions) = (Vec::new(), BTreeSet::new());
+    for subject in subjects {
+        add_subject(root, subject, labels, (&mut heads, &mut sessions));
+    }
+    heads.sort_by(|a: &Found, b| a.name.cmp(&b.name));
+    (heads, sessions.into_iter().collect())
 }
 
 fn no_such(what: &'static str, label: &str, known: &[String]) -> FolderError {
@@ -187,8 +201,12 @@ struct Entry {
 }
 
 impl Entry {
+    /// Whether it is a folder, or a link that leads nowhere and has the name of one.
     fn is_folder(&self) -> bool {
-        self.metadata.as_ref().is_ok_and(Metadata::is_dir)
+        match &self.metadata {
+            Ok(metadata) => metadata.is_dir(),
+            Err(_) => self.path.extension().is_none(),
+        }
     }
 }
 
@@ -268,8 +286,11 @@ fn add_subject(
     subject: &str,
     labels: &[String],
     (heads, all_sessions): (&mut Vec<Found>, &mut BTreeSet<String>),
-) -> Result<(), FolderError> {
-    let entries = listed(&root.join(subject))?;
+) {
+    let entries = match listed(&root.join(subject)) {
+        Ok(entries) => entries,
+        Err(error) => return heads.push(Found::unlisted(Path::new(subject), &error)),
+    };
     let sessions: Vec<_> = folders(&entries, "ses-").collect();
     all_sessions.extend(sessions.iter().map(|&session| session.to_owned()));
     let is_meant = |session: &&&str| {
@@ -288,7 +309,7 @@ fn add_subject(
     }
     let before = heads.len();
     for folder in &scanned {
-        add_heads(root, folder, heads)?;
+        add_heads(root, folder, heads);
     }
     if heads.len() == before && !scanned.is_empty() {
         heads.push(Found {
@@ -302,22 +323,54 @@ fn add_subject(
             notes: Vec::new(),
         });
     }
-    Ok(())
+}
+
+impl Found {
+    /// What is in the folder of a subject or of a session that cannot be listed.
+    fn unlisted(folder: &Path, error: &FolderError) -> Self {
+        let hint = match error {
+            FolderError::Unreadable { source, .. } if source.kind() == ErrorKind::NotFound => {
+                "; it is a link to a folder that is missing"
+            }
+            _ => "",
+        };
+        Self {
+            name: HeadName {
+                folder: folder.to_owned(),
+                prefix: prefix_of(folder),
+            },
+            files: Err(format!("{error}{hint}")),
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// How the names of the files in the folder of a subject or of a session begin.
+fn prefix_of(folder: &Path) -> String {
+    folder.to_string_lossy().replace('/', "_")
 }
 
 /// Adds the heads of the folder of a subject or of a session.
-fn add_heads(root: &Path, folder: &Path, heads: &mut Vec<Found>) -> Result<(), FolderError> {
-    let anat = root.join(folder).join("anat");
-    if !anat.is_dir() {
-        return Ok(());
+fn add_heads(root: &Path, folder: &Path, heads: &mut Vec<Found>) {
+    let path = root.join(folder);
+    let anat = path.join("anat");
+    let is_absent = |path: &Path| {
+        let found = path.symlink_metadata();
+        found.is_err_and(|error| error.kind() == ErrorKind::NotFound)
+    };
+    if path.is_dir() && is_absent(&anat) {
+        return;
     }
-    let entries = listed(&anat)?;
+    let entries = match listed(&anat) {
+        Ok(entries) => entries,
+        Err(error) => return heads.push(Found::unlisted(folder, &error)),
+    };
     let of = |suffix: &'static str| {
         let is_one = move |entry: &&Entry| stem_of(&lossy(entry), suffix).is_some();
         entries.iter().filter(is_one)
     };
     let flairs: Vec<_> = of("_FLAIR").collect();
-    let start = folder.to_string_lossy().replace('/', "_");
+    let start = prefix_of(folder);
     for entry in of("_T1w") {
         let name = lossy(entry);
         let prefix = stem_of(&name, "_T1w").unwrap_or_default().to_owned();
@@ -364,7 +417,6 @@ fn add_heads(root: &Path, folder: &Path, heads: &mut Vec<Found>) -> Result<(), F
             notes,
         });
     }
-    Ok(())
 }
 
 fn lossy(entry: &Entry) -> String {
@@ -504,10 +556,17 @@ mod tests {
         );
         assert_eq!(found.heads[3].name.folder, Path::new("sub-02/ses-b"));
 
-        assert_eq!(
-            prefixes(&made.read(&["sub-02"], &["b"]).unwrap()),
-            ["sub-02_ses-b"]
-        );
+        assert!(found.others.is_empty());
+        let found = made.read(&["sub-02"], &["b"]).unwrap();
+        assert_eq!(prefixes(&found), ["sub-02_ses-b"]);
+        let others = found.others.iter().map(|head| &*head.name.prefix);
+        let names = [
+            "sub-0 1",
+            "sub-02_ses-a_run-1",
+            "sub-02_ses-a_run-2",
+            "sub-03",
+        ];
+        assert_eq!(others.collect::<Vec<_>>(), names);
         assert_eq!(
             prefixes(&made.read(&["0 1", "sub-03"], &[]).unwrap()),
             ["sub-0 1", "sub-03"]
@@ -543,6 +602,11 @@ mod tests {
         )
         .unwrap();
         symlink("nowhere", made.path("sub-6/anat/sub-6_FLAIR.nii.gz")).unwrap();
+        std::fs::create_dir_all(made.path("sub-7/ses-a")).unwrap();
+        symlink("nowhere", made.path("sub-7/ses-a/anat")).unwrap();
+        symlink("nowhere", made.path("sub-7/ses-b")).unwrap();
+        made.write("sub-8/anat", b"");
+        symlink("nowhere", made.path("sub-9")).unwrap();
         made.write("sub-6/anat/sub-6_T1w.json", b"{\"a\": ");
         let found = made.read(&[], &[]).unwrap();
         let words = [
@@ -551,9 +615,18 @@ mod tests {
             "entity desc-",
             "is no file",
             "datalad get",
+            "",
+            "missing",
+            "missing",
+            "cannot be listed",
+            "missing",
         ];
-        assert_eq!(found.heads.len(), 6, "{found:?}");
+        let names = ["sub-7_ses-a", "sub-7_ses-b", "sub-8", "sub-9"];
+        assert_eq!(prefixes(&found)[6..], names, "{found:?}");
         for (head, words) in found.heads.iter().zip(words) {
+            if words.is_empty() {
+                continue;
+            }
             assert!(head.files.as_ref().unwrap_err().contains(words), "{head:?}");
         }
         // A link that leads outward is followed.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use ::report::{ReportFormat, ReportQuery};
-use case::{CandidateFacts, CaseId, MapName, PlacementFacts, PlacementVerdict, QualityState};
+use case::{CaseId, MapName, PlacementFacts, PlacementVerdict, QualityState};
 use case::{SurfaceName, VoxelValues};
 use geometry::{DeformableModel, MeshSize, ShrunkMesh};
 use glam::{DAffine3, DMat3, DVec3};
@@ -128,8 +128,6 @@ pub async fn write_head(
     let mask = cases.nifti(id, VoxelValues::Brain).await?;
     writer.add("desc-brain_mask.nii.gz", &mask.bytes)?;
 
-    let stands_out =
-        |places: &[CandidateFacts]| places.iter().filter(|one| one.stands_out()).count();
     let found = maps.as_ref().ok();
     Ok(HeadRecord {
         description: "The brain, before it is closed to the envelope".to_owned(),
@@ -144,9 +142,7 @@ pub async fn write_head(
         }
         .to_owned(),
         voxel_mm: native_grid(&facts)?.spacing_mm(),
-        standing_out: found.map_or(0, |maps| {
-            stands_out(&maps.candidates) + stands_out(&maps.thick[0])
-        }),
+        standing_out: found.and_then(|maps| standing_out(maps)),
         maps: MapsRecord::of(maps.as_ref().err()),
         flair: new
             .flair
@@ -158,6 +154,17 @@ pub async fn write_head(
         source_blake3: new.source_blake3,
         seconds: (new.begun.elapsed().as_secs_f64() * 100.0).round() / 100.0,
     })
+}
+
+/// How many places of the maps of a head stand out; `None` if no limits are known for any of them.
+fn standing_out(maps: &LoadedMaps) -> Option<usize> {
+    let count = |name: MapName| {
+        let places = maps.places(name).iter();
+        let count = places.filter(|place| place.stands_out()).count();
+        maps.judgement(name).limits.map(|_| count)
+    };
+    let counts = [MapName::Blur, MapName::Thickness].map(count);
+    counts.into_iter().flatten().reduce(|a, b| a + b)
 }
 
 /// The verdict on the place of a FLAIR, and the doubt about it.

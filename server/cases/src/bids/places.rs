@@ -26,7 +26,10 @@ pub(super) fn table<'a>(
                 .map_or("n/a".to_owned(), |depth| depth.to_string());
             let CandidateFacts { score, size_mm, .. } = place;
             let [side, gyrus] = [place.side.name(), place.gyrus.map_or("n/a", Gyrus::name)];
-            let stands_out = place.stands_out();
+            let stands_out = match place.unusual {
+                Some(_) => place.stands_out().to_string(),
+                None => "n/a".to_owned(),
+            };
             let atlas = place.standard.and_then(|standard| standard.atlas);
             let mni152 = atlas.map_or("n/a\tn/a\tn/a".to_owned(), |atlas| {
                 atlas.mni152.map(|mm| mm.to_string()).join("\t")
@@ -65,7 +68,7 @@ pub(super) fn columns() -> Value {
         }},
         "depth_mm": {"Description": "Depth below the envelope of the brain; n/a where it is not known.", "Units": "mm"},
         "gyrus": {"Description": "A coarse name from an atlas, never a measurement; n/a without an atlas, or if the head does not surely fit it."},
-        "stands_out": {"Description": "Whether the score is higher than in heads without a lesion, where that is known. No place that stands out does not exclude a lesion."},
+        "stands_out": {"Description": "Whether the score is higher than in heads without a lesion, n/a where that is not known. No place that stands out does not exclude a lesion."},
         "size_mm": {"Description": "The diameter of the place.", "Units": "mm"},
         "mni152_x": {"Description": about("To the right"), "Units": "mm"},
         "mni152_y": {"Description": about("To the front"), "Units": "mm"},

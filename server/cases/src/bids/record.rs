@@ -14,19 +14,19 @@ pub struct MadeWith {
     /// That of the program.
     pub version: String,
     pub map_format: u32,
-    /// Whether a network extracts brains.
-    pub network: bool,
+    /// The BLAKE3 hash of the file with the weights of the network that extracts brains, if there is one.
+    pub network: Option<String>,
     /// The tag of the atlas; empty without one.
     pub atlas: String,
 }
 
 impl MadeWith {
     /// This program, with the format of its maps.
-    pub fn new(version: &str, network: bool, atlas: &str) -> Self {
+    pub fn new(version: &str, network: Option<&str>, atlas: &str) -> Self {
         Self {
             version: version.to_owned(),
             map_format: MAP_FORMAT,
-            network,
+            network: network.map(str::to_owned),
             atlas: atlas.to_owned(),
         }
     }
@@ -55,8 +55,8 @@ pub struct HeadRecord {
     pub maps: MapsRecord,
     /// The verdict on the place of the FLAIR, if there is one: `registered`, `unchanged` or `failed`.
     pub flair: Option<String>,
-    /// How many places of the cerebrum stand out, in maps of which limits are known.
-    pub standing_out: usize,
+    /// How many places of the cerebrum stand out, in maps of which limits are known; `None` if no limits are known.
+    pub standing_out: Option<usize>,
     /// What else is to be known, in sentences.
     pub notes: Vec<String>,
     /// How long it took.

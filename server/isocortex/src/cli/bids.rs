@@ -41,7 +41,7 @@ const ANNEX_POINTER: &[u8] = b"/annex/objects/";
 /// Each T1-weighted volume is a head of its own, with the FLAIR beside it. The results are BIDS derivatives in the grid of the T1-weighted volume,
 /// a report for each head, and summary.tsv and summary.html of all. A head whose files are complete and whose volumes are unchanged is not done
 /// again: the same command goes on where it was ended. Volumes may be links that lead elsewhere, as DataLad makes them. The exit status is 0
-/// if all heads are done, and 65 if not; summary.tsv states why.
+/// if all heads that were asked for are done, and 65 if not; summary.tsv states why.
 #[derive(Debug, Args)]
 pub(super) struct BidsArgs {
     /// The BIDS folder.
@@ -87,11 +87,8 @@ impl BidsArgs {
 
 impl From<FolderError> for CliError {
     fn from(error: FolderError) -> Self {
-        let status = match error {
-            FolderError::Unreadable { .. } | FolderError::NoSuchLabel { .. } => ExitStatus::NoInput,
-            FolderError::NotBids { .. } | FolderError::NoSubjects { .. } => ExitStatus::BadInput,
-        };
-        Self::new(status, error)
+        // `BadInput` means that a head is not done.
+        Self::new(ExitStatus::NoInput, error)
     }
 }
 
@@ -123,7 +120,7 @@ pub(super) fn run(args: &BidsArgs) -> Result<(), CliError> {
     let extractor = extractor.map_err(|error| started(error.into()))?;
     let atlas = Atlas::open(&config.prepare.atlas).map_err(|error| started(error.into()))?;
     let tag = atlas.as_ref().map_or("", Atlas::tag);
-    let made_with = MadeWith::new(env!("CARGO_PKG_VERSION"), extractor.has_network(), tag);
+    let made_with = MadeWith::new(env!("CARGO_PKG_VERSION"), extractor.weights_blake3(), tag);
     let out = Derivatives::open(&args.output_dir, &folder.root, &made_with)?;
     let heads = Heads {
         options: config.cases()?,
@@ -132,7 +129,7 @@ pub(super) fn run(args: &BidsArgs) -> Result<(), CliError> {
         atlas: atlas.map(Arc::new),
         out,
     };
-    super::block_on(heads.do_all(folder.heads, args.jobs.get()))
+    super::block_on(heads.do_all(folder.heads, folder.others, args.jobs.get()))
 }
 
 /// What is needed for each head.
@@ -145,9 +142,14 @@ struct Heads {
 }
 
 impl Heads {
-    async fn do_all(self, heads: Vec<Found>, jobs: usize) -> Result<(), CliError> {
+    async fn do_all(
+        self,
+        heads: Vec<Found>,
+        others: Vec<Found>,
+        jobs: usize,
+    ) -> Result<(), CliError> {
         let this = Arc::new(self);
-        let mut summary = Summary::new(this.out.clone(), heads.len());
+        let mut summary = Summary::new(this.out.clone(), &heads, others);
         let mut waiting = heads.into_iter().enumerate();
         let mut running = JoinSet::new();
         let stop = told_to_stop();
@@ -188,12 +190,8 @@ impl Heads {
         let done = tokio::spawn(async move { self.head(name, files, notes, begun).await });
         match done.await {
             Ok(Ok((record, is_new))) => row.done(record, is_new),
-            Ok(Err(error)) => match error.status {
-                ExitStatus::BadInput | ExitStatus::NoInput => {
-                    row.refused(error.message, begun.elapsed())
-                }
-                _ => row.failed(error.message, begun.elapsed()),
-            },
+            Ok(Err(error)) if is_of_input(&error) => row.refused(error.message, begun.elapsed()),
+            Ok(Err(error)) => row.failed(error.message, begun.elapsed()),
             Err(_) => row.failed("internal error".to_owned(), begun.elapsed()),
         }
     }
@@ -213,10 +211,11 @@ impl Heads {
         if let Some(path) = &files.flair {
             match read(path, most).await {
                 Ok((_, hash)) => _ = source_blake3.insert(file_name(path), hash),
-                Err(error) => {
+                Err(error) if is_of_input(&error) => {
                     notes.push(format!("no FLAIR is used: {}", error.message));
                     flair = None;
                 }
+                Err(error) => return Err(error),
             }
         }
         let known = self.out.record(&name)?;
@@ -266,13 +265,23 @@ impl Heads {
         until_ready(library.store(), &id, |_| {}).await?;
         if let Some(path) = new.files.flair.clone() {
             let added = add_layer(library.store(), &id, LayerFile::flair(path)).await;
-            new.flair = Some(added.map_err(|error| error.message).and_then(place));
+            new.flair = Some(match added {
+                Ok(layer) => place(layer),
+                Err(error) if is_of_input(&error) => Err(error.message),
+                // The same head may have one at the next run.
+                Err(error) => return Err(error),
+            });
         }
         cases.library.make_maps_now(&id).await?;
         let record = write_head(cases, &id, new, (&self.out, surface_file)).await?;
         self.out.finish(&name, &record)?;
         Ok(record)
     }
+}
+
+/// Whether an error is one of a file, and not of the program, the machine or the disk.
+fn is_of_input(error: &CliError) -> bool {
+    matches!(error.status, ExitStatus::BadInput | ExitStatus::NoInput)
 }
 
 fn place(layer: Layer) -> Result<PlacementFacts, String> {

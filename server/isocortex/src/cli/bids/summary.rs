@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-use cases::bids::{Derivatives, HeadName, HeadRecord};
+use cases::bids::{Derivatives, Found, HeadName, HeadRecord};
 use report::{ListedHead, page_of_heads};
 
 use crate::cli::status::{CliError, ExitStatus};
@@ -11,6 +11,8 @@ use crate::cli::status::{CliError, ExitStatus};
 /// What became of a head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
+    /// Neither this run nor an earlier one did it.
+    Pending,
     Done,
     /// It cannot be used.
     Refused,
@@ -21,6 +23,7 @@ enum State {
 impl State {
     fn name(self) -> &'static str {
         match self {
+            Self::Pending => "pending",
             Self::Done => "done",
             Self::Refused => "refused",
             Self::Failed => "failed",
@@ -45,8 +48,8 @@ impl Row {
     pub(super) fn new(name: HeadName, notes: Vec<String>) -> Self {
         Self {
             name,
-            state: State::Failed,
-            reason: String::new(),
+            state: State::Pending,
+            reason: "not done yet".to_owned(),
             seconds: 0.0,
             notes,
             record: None,
@@ -57,6 +60,7 @@ impl Row {
     pub(super) fn done(self, record: HeadRecord, is_new: bool) -> Self {
         Self {
             state: State::Done,
+            reason: String::new(),
             seconds: record.seconds,
             notes: record.notes.clone(),
             record: Some(record),
@@ -74,6 +78,7 @@ impl Row {
 
     pub(super) fn failed(self, reason: String, took: Duration) -> Self {
         Self {
+            state: State::Failed,
             reason,
             seconds: took.as_secs_f64(),
             ..self
@@ -86,7 +91,10 @@ impl Row {
             (Some(_), false) => "is done already".to_owned(),
             (Some(record), true) => format!(
                 "done in {:.1} s: mask {}, maps {}, places that stand out: {}",
-                self.seconds, record.mask.state, record.maps.state, record.standing_out
+                self.seconds,
+                record.mask.state,
+                record.maps.state,
+                standing_out(record)
             ),
             (None, _) => format!("{}: {}", self.state.name(), self.reason),
         }
@@ -95,7 +103,7 @@ impl Row {
     fn tsv(&self) -> String {
         let record = self.record.as_ref();
         let of = |value: Option<&str>| value.unwrap_or("n/a").to_owned();
-        let standing_out = record.map(|record| record.standing_out.to_string());
+        let standing_out = record.map(standing_out);
         let fields = [
             self.name.prefix.clone(),
             self.state.name().to_owned(),
@@ -121,7 +129,7 @@ impl Row {
                 lines.push(format!("FLAIR: {verdict}"));
             }
             if record.maps.reason.is_none() {
-                lines.push(format!("places that stand out: {}", record.standing_out));
+                lines.push(format!("places that stand out: {}", standing_out(record)));
             }
             doubts.extend(record.mask.reasons.iter().cloned());
             doubts.extend(record.maps.reason.clone());
@@ -140,18 +148,29 @@ impl Row {
     }
 }
 
+/// How many places stand out.
+fn standing_out(record: &HeadRecord) -> String {
+    let count = record.standing_out;
+    count.map_or("n/a".to_owned(), |count| count.to_string())
+}
+
 /// All heads, in their order.
 pub(super) struct Summary {
     out: Derivatives,
-    rows: Vec<Option<Row>>,
+    /// Those of this run.
+    rows: Vec<Row>,
+    /// Those that this run does not do.
+    others: Vec<Found>,
     begun: Instant,
 }
 
 impl Summary {
-    pub(super) fn new(out: Derivatives, count: usize) -> Self {
+    pub(super) fn new(out: Derivatives, heads: &[Found], others: Vec<Found>) -> Self {
+        let row = |found: &Found| Row::new(found.name.clone(), found.notes.clone());
         Self {
             out,
-            rows: vec![None; count],
+            rows: heads.iter().map(row).collect(),
+            others,
             begun: Instant::now(),
         }
     }
@@ -159,13 +178,19 @@ impl Summary {
     /// Adds a head, reports it with an estimate of the time left, and writes the table and the page as they are now.
     pub(super) fn add(&mut self, number: usize, row: Row) -> Result<(), CliError> {
         let (prefix, words) = (row.name.prefix.clone(), row.words());
-        self.rows[number] = Some(row);
-        let rows: Vec<_> = self.rows.iter().flatten().collect();
-        let ended = rows.len();
-        let worked = rows.iter().filter(|row| row.is_new).count();
+        self.rows[number] = row;
+        let ended = self.rows.iter().filter(|row| row.state != State::Pending);
+        let (ended, worked) = (
+            ended.clone().count(),
+            ended.filter(|row| row.is_new).count(),
+        );
         let left = left(self.begun.elapsed(), worked, self.rows.len() - ended);
         let left = left.map_or(String::new(), |left| format!("; about {left} left"));
         eprintln!("[{ended}/{}] {prefix} {words}{left}", self.rows.len());
+        // Another program may do them meanwhile.
+        let others: Vec<_> = self.others.iter().map(|found| self.other(found)).collect();
+        let mut rows: Vec<_> = self.rows.iter().chain(&others).collect();
+        rows.sort_by(|a, b| a.name.cmp(&b.name));
         let head = "head\tstate\treason\tseconds\tmask\tmaps\tflair\tstanding_out\tnotes\n";
         let table: String = rows.iter().map(|row| row.tsv()).collect();
         let root = self.out.root();
@@ -179,13 +204,25 @@ impl Summary {
         Ok(())
     }
 
+    /// A head that this run does not do.
+    fn other(&self, found: &Found) -> Row {
+        let row = Row::new(found.name.clone(), found.notes.clone());
+        // A record that cannot be read is none.
+        let record = self.out.record(&found.name).ok().flatten();
+        match (&found.files, record) {
+            (Err(why), _) => row.refused(why.clone(), Duration::ZERO),
+            (Ok(_), Some(record)) => row.done(record, false),
+            (Ok(_), None) => row,
+        }
+    }
+
     /// Reports the whole run.
     ///
     /// # Errors
     /// If not all heads are done.
     pub(super) fn end(&self) -> Result<(), CliError> {
         let count = self.rows.len();
-        let done = self.rows.iter().flatten();
+        let done = self.rows.iter();
         let done = done.filter(|row| row.state == State::Done).count();
         let root = self.out.root().display();
         if done == count {
