@@ -172,6 +172,19 @@ test("what is signed has the findings as they are shown, stays, and is corrected
   assert.equal(ids(server.mine.findings), "c");
 });
 
+test("what goes to a PACS is signed, and an emptied correction leaves the signed version in its place", async () => {
+  reading.write({ conclusion: "Thick" });
+  assert.deepEqual([await reading.reported(true), await reading.reported()], [null, "proxy:ana"]);
+  assert.ok(await reading.sign(reading.seen));
+  assert.equal(await reading.reported(true), "proxy:ana");
+  assert.ok(await reading.correct());
+  assert.equal(await reading.reported(true), null);
+  reading.write({ conclusion: " " });
+  assert.equal(await reading.reported(), "proxy:ana");
+  assert.equal(server.mine.conclusion.trim(), "", "the server knows that nothing is left of the correction");
+  assert.equal(await reading.reported(true), "proxy:ana");
+});
+
 test("what another window wrote meanwhile stays, and is never signed unseen", async () => {
   server.put({ ...server.mine, conclusion: "of the other window" });
   reading.write({ conclusion: "of this one" });

@@ -144,10 +144,16 @@ export class Reading extends Sync<Written> {
     });
   }
 
-  /** Whose reading a report is of, once the server has it with the findings as they are shown; null: nothing is concluded. */
-  async reported(): Promise<string | null> {
+  /**
+   * Whose reading a report is of, once the server has it with the findings as they are shown; null: nothing is concluded, or what must be
+   * signed is open. Without a conclusion in a correction, the signed version counts.
+   */
+  async reported(mustBeSigned = false): Promise<string | null> {
     const mine = this.mine.peek();
-    if (!mine || !this.isBegun.peek()) return null;
+    if (!mine) return null;
+    const isBegun = this.isBegun.peek();
+    const isSigned = this.isSigned.peek() || (mine.version > 1 && !isBegun);
+    if (!isSigned && (mustBeSigned || !isBegun)) return null;
     if (this.isOpen) await this.push(true);
     return mine.reader;
   }
