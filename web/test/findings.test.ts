@@ -14,6 +14,7 @@ import {
   plainFinding,
   readFindings,
   signed,
+  withOneAcpc,
 } from "../src/model/findings.ts";
 import type { Depths } from "../src/model/isosurface.ts";
 import {
@@ -90,6 +91,49 @@ test("additions of both are there, and the list of the other one comes first", (
   assert.deepEqual([list.map(({ id }) => id), moved.length], [["a", "theirs", "mine"], 0]);
   // Joined again with what it became, it stays as it is.
   assert.ok(areSame(merged([a, finding("theirs")], list, list).list, list));
+});
+
+const commissures = (id: string, change: Partial<Finding> = {}): Finding =>
+  finding(id, {
+    ...{ kind: "acpc", ...change },
+    points_in_patient: [
+      [0, -12, 0],
+      [0, 12, 0],
+    ],
+  });
+
+test("a list has the commissures once: those of this reader, or of a file", () => {
+  const [own, theirs] = [commissures("own"), commissures("theirs")];
+  const idsOf = (list: readonly Finding[]): string => list.map(({ id }) => id).join(" ");
+  const both = merged([a], [a, own], [a, theirs]);
+  assert.deepEqual([idsOf(both.list), both.moved.length], ["a own", 0]);
+  const changed = merged([own], [commissures("own", { note: "mine" })], [commissures("own", { note: "theirs" })]);
+  assert.deepEqual([notes(changed.list), changed.moved.length], [["own:mine"], 0]);
+  // Those that are dismissed or unconfirmed state nothing.
+  const taken = commissures("taken", { is_unconfirmed: true });
+  const dismissed = commissures("dismissed", { is_dismissed: true });
+  assert.equal(idsOf(merged([], [own], [taken, dismissed]).list), "taken dismissed own");
+  const read = joined([own, a], [commissures("own", { note: "of the file" }), b]);
+  assert.deepEqual([read.list.map(({ note }) => note), idsOf(read.list.slice(1))], [["of the file", "", ""], "a b"]);
+  assert.equal(read.doubled, 0);
+  assert.equal(idsOf(joined([own, a], [theirs]).list), "a theirs");
+  assert.equal(idsOf(joined([own, a], [own]).list), "own a");
+  // A reader measures them again, or confirms the ones of another case.
+  assert.equal(idsOf(withOneAcpc([own, taken, theirs], (one) => one === theirs)), "taken theirs");
+});
+
+test("the anterior commissure is the first one in whatever order both were set", () => {
+  const points: readonly Vec3[] = [
+    [1, 12, 3],
+    [-1, -12, 5],
+  ];
+  const set = (kind: Finding["kind"]) => newFinding({ kind, points_in_patient: points, depth_mm: 8 }).points_in_patient;
+  assert.deepEqual(set("acpc"), points.toReversed());
+  assert.deepEqual(
+    set("acpc"),
+    newFinding({ kind: "acpc", points_in_patient: set("acpc"), depth_mm: 8 }).points_in_patient,
+  );
+  assert.deepEqual(set("trajectory"), points);
 });
 
 test("a finding that comes back has the number that it had", () => {

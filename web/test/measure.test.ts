@@ -7,7 +7,7 @@ import { smoothed } from "../src/model/field.ts";
 import { Flows, slidTo } from "../src/model/flow.ts";
 import { crossesItself } from "../src/model/geodesic.ts";
 import { depthsOf } from "../src/model/isosurface.ts";
-import { type Measure, columnOf, valuesOf } from "../src/model/measure.ts";
+import { type Measure, areCommissures, columnOf, valuesOf } from "../src/model/measure.ts";
 import { type Vec3, length, normalized, scale, subtract } from "../src/model/space.ts";
 import type { Block } from "../src/model/wire.ts";
 
@@ -208,3 +208,7 @@ for (const [name, own] of [
     for (const between of [[30, 60] as const, [12, 8] as const, [NaN, 3] as const])
       assert.ok(Number.isNaN(columnOf(cap, surface, between)));
   });
+
+test("commissures are kept as far apart as the server accepts them", () => {
+  assert.deepEqual([9.9, 10, 24, 45, 45.1, NaN].map(areCommissures), [false, true, true, true, false, false]);
+});

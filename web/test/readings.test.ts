@@ -172,6 +172,19 @@ test("what is signed has the findings as they are shown, stays, and is corrected
   assert.equal(ids(server.mine.findings), "c");
 });
 
+test("what goes to a PACS is signed, and an emptied correction leaves the signed version in its place", async () => {
+  reading.write({ conclusion: "Thick" });
+  assert.deepEqual([await reading.reported(true), await reading.reported()], [null, "proxy:ana"]);
+  assert.ok(await reading.sign(reading.seen));
+  assert.equal(await reading.reported(true), "proxy:ana");
+  assert.ok(await reading.correct());
+  assert.equal(await reading.reported(true), null);
+  reading.write({ conclusion: " " });
+  assert.equal(await reading.reported(), "proxy:ana");
+  assert.equal(server.mine.conclusion.trim(), "", "the server knows that nothing is left of the correction");
+  assert.equal(await reading.reported(true), "proxy:ana");
+});
+
 test("what another window wrote meanwhile stays, and is never signed unseen", async () => {
   server.put({ ...server.mine, conclusion: "of the other window" });
   reading.write({ conclusion: "of this one" });
@@ -277,6 +290,47 @@ test("whoever signs in next on the same page neither sees nor sends what the one
   server.isAway = false;
   await again.flush();
   assert.equal(server.mine.conclusion, "of Ana");
+});
+
+test("a reader signs only what they themselves have seen", async () => {
+  reading.write({ conclusion: "Normal." });
+  await reading.flush();
+  const { seen } = reading;
+  server.reader = "proxy:ben";
+  server.put({ ...server.mine });
+  assert.equal(await reading.sign(seen), false);
+  assert.deepEqual([server.mine.state, reading.value.value.conclusion], ["open", "Normal."]);
+  assert.ok(await reading.sign(reading.seen));
+});
+
+test("the page warns while it has what the reader before has not sent, who finds it again", async () => {
+  const warns = (): boolean => {
+    const event = new Event("beforeunload", { cancelable: true });
+    for (const hear of listening) hear(event);
+    return event.defaultPrevented;
+  };
+  reading.write({ conclusion: "Thick" });
+  await reading.flush();
+  assert.ok(!warns());
+  server.isAway = true;
+  reading.write({ conclusion: "Thick, blurred" });
+  await assert.rejects(reading.flush());
+  server.isAway = false;
+  const ofAna = server.mine;
+  server.reader = "proxy:ben";
+  server.put({ ...ofAna, conclusion: "of Ben" });
+  await reading.flush();
+  assert.ok(reading.isKept && warns());
+  reading.dispose();
+  await reading.flush();
+  assert.ok(warns());
+  server.reader = "proxy:ana";
+  server.put(ofAna);
+  const again = Reading.of("0".repeat(32), list);
+  await again.load();
+  await again.flush();
+  assert.equal(server.mine.conclusion, "Thick, blurred");
+  assert.ok(!warns());
 });
 
 test("what was not sent of a case that was left is shown again, and the page warns until it is sent", async () => {

@@ -78,13 +78,15 @@ impl Cases {
     /// # Errors
     /// As [`Cases::readings`].
     pub async fn own_reading(&self, id: &CaseId, reader: &str) -> Result<KeptReading, Error> {
-        match self.reading(id, Some(reader), reader, None).await {
-            Err(Error::NoSuchReading) => Ok(KeptReading::unbegun(reader)),
-            other => other,
+        let readings = self.readings(id).await?;
+        match readings.iter().rfind(|one| one.reader == reader) {
+            Some(last) => self.version(id, last).await,
+            None => Ok(KeptReading::unbegun(reader)),
         }
     }
 
-    /// A version of a reading, or its last one. Those of others are shown once they are signed, to somebody who has signed their own.
+    /// A version of a reading, or the last one that counts: a correction in which nothing is concluded leaves the signed one in its place. Those of others
+    /// are shown once they are signed, to somebody who has signed their own.
     ///
     /// # Errors
     /// [`Error::ReadingHidden`], [`Error::NoSuchReading`], or as [`Cases::readings`].
@@ -105,9 +107,21 @@ impl Cases {
                 && version.is_none_or(|version| version == one.version)
                 && (is_own || one.signed_at.is_some())
         };
-        let asked = readings.iter().rfind(is_asked);
-        let version = asked.ok_or(Error::NoSuchReading)?.version;
-        let stored = self.store().reading(id, reader, version).await?;
+        let mut asked = readings.iter().filter(is_asked);
+        let last = asked.next_back().ok_or(Error::NoSuchReading)?;
+        let reading = self.version(id, last).await?;
+        let counts = reading.signed_at.is_some() || reading.reading.is_concluded();
+        match asked.next_back() {
+            Some(signed) if !counts => self.version(id, signed).await,
+            _ => Ok(reading),
+        }
+    }
+
+    async fn version(&self, id: &CaseId, state: &ReadingState) -> Result<KeptReading, Error> {
+        let stored = self
+            .store()
+            .reading(id, &state.reader, state.version)
+            .await?;
         KeptReading::read(stored.ok_or(Error::NoSuchReading)?)
     }
 

@@ -8,32 +8,62 @@ use glam::DVec3;
 
 use crate::findings::{BRUSH_RADIUS_MM, lines_between, points_of};
 
-/// The sides of a tube.
-const SIDES: u32 = 12;
+/// How finely tubes are made.
+#[derive(Clone, Copy)]
+struct Detail {
+    /// The sides of a tube.
+    sides: u32,
+    /// The rings of a round end, without its pole.
+    rings: i32,
+}
 
-/// The rings of a round end, without its pole.
-const RINGS: i32 = 3;
+/// A tube has 144 triangles.
+const FINE: Detail = Detail {
+    sides: 12,
+    rings: 3,
+};
+
+/// A tube has 24 triangles, and pointed ends.
+const COARSE: Detail = Detail { sides: 6, rings: 1 };
+
+/// The most tubes that are fine. More, as of regions that a program has found, would make a file that is too large to be read.
+const MAX_FINE_TUBES: usize = 3_000;
 
 /// Findings as balls around points and tubes along the lines between them, of the radius [`BRUSH_RADIUS_MM`].
 ///
 /// A tube has round ends, so that those of a line meet without a gap. A polygon is its outline. Each ball and each tube is closed;
-/// where several meet, they overlap.
+/// where several meet, they overlap. More than 3,000 balls and tubes are coarser: they have six sides and pointed ends.
 pub fn solid_of<'a>(findings: impl IntoIterator<Item = &'a Finding>) -> Solid {
-    let mut solid = Solid::default();
+    let mut tubes = Vec::new();
     for finding in findings {
         let points = points_of(finding);
         if let [point] = points[..] {
-            add_tube(&mut solid, point, point);
+            tubes.push((point, point));
         }
-        for (from, to) in lines_between(finding.kind, &points) {
-            add_tube(&mut solid, from, to);
-        }
+        tubes.extend(lines_between(finding.kind, &points));
+    }
+    let detail = if tubes.len() > MAX_FINE_TUBES {
+        COARSE
+    } else {
+        FINE
+    };
+    let mut solid = Solid::default();
+    for (from, to) in tubes {
+        add_tube(&mut solid, detail, from, to);
     }
     solid
 }
 
 /// Adds a tube with round ends; between equal points, a ball.
-fn add_tube(solid: &mut Solid, from: DVec3, to: DVec3) {
+fn add_tube(
+    solid: &mut Solid,
+    Detail {
+        sides,
+        rings: round,
+    }: Detail,
+    from: DVec3,
+    to: DVec3,
+) {
     let axis = (to - from).try_normalize().unwrap_or(DVec3::Z);
     let x = axis.any_orthonormal_vector();
     let y = axis.cross(x);
@@ -41,9 +71,9 @@ fn add_tube(solid: &mut Solid, from: DVec3, to: DVec3) {
         let outward = (x * angle.cos() + y * angle.sin()) * latitude.cos() + axis * latitude.sin();
         (centre + BRUSH_RADIUS_MM * outward).as_vec3().to_array()
     };
-    let latitude = |ring: i32| f64::from(ring) * FRAC_PI_2 / f64::from(RINGS);
-    let around_start = (1 - RINGS..=0).map(|ring| (from, latitude(ring)));
-    let around_end = (0..RINGS).map(|ring| (to, latitude(ring)));
+    let latitude = |ring: i32| f64::from(ring) * FRAC_PI_2 / f64::from(round);
+    let around_start = (1 - round..=0).map(|ring| (from, latitude(ring)));
+    let around_end = (0..round).map(|ring| (to, latitude(ring)));
     let mut rings: Vec<_> = around_start.chain(around_end).collect();
     // A ball has one equator.
     rings.dedup();
@@ -52,15 +82,15 @@ fn add_tube(solid: &mut Solid, from: DVec3, to: DVec3) {
     let positions = &mut solid.positions_in_patient;
     positions.push(at(from, -FRAC_PI_2, 0.0));
     for &(centre, latitude) in &rings {
-        let angles = (0..SIDES).map(|side| f64::from(side) * TAU / f64::from(SIDES));
+        let angles = (0..sides).map(|side| f64::from(side) * TAU / f64::from(sides));
         positions.extend(angles.map(|angle| at(centre, latitude, angle)));
     }
     let last = positions.len() as u32;
     positions.push(at(to, FRAC_PI_2, 0.0));
 
-    let vertex = |ring: u32, side: u32| first + 1 + ring * SIDES + side % SIDES;
+    let vertex = |ring: u32, side: u32| first + 1 + ring * sides + side % sides;
     let highest = rings.len() as u32 - 1;
-    for side in 0..SIDES {
+    for side in 0..sides {
         let next = side + 1;
         let triangles = &mut solid.triangles;
         triangles.push([first, vertex(0, next), vertex(0, side)]);
@@ -121,15 +151,38 @@ mod tests {
             let solid = solid_of([&one]);
             let ratio = volume_mm3(&solid) / expected_mm3;
             assert!((0.85..=1.0).contains(&ratio), "{ratio}");
-            let edges = solid
-                .triangles
-                .iter()
-                .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-            let edges: Vec<_> = edges.collect();
-            let once: HashSet<_> = edges.iter().copied().collect();
-            assert_eq!(once.len(), edges.len());
-            assert!(edges.iter().all(|&(a, b)| a != b && once.contains(&(b, a))));
+            assert_closed(&solid);
         }
+    }
+
+    /// Asserts that each edge has one triangle on either side.
+    fn assert_closed(solid: &Solid) {
+        let edges = solid
+            .triangles
+            .iter()
+            .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+        let edges: Vec<_> = edges.collect();
+        let once: HashSet<_> = edges.iter().copied().collect();
+        assert_eq!(once.len(), edges.len());
+        assert!(edges.iter().all(|&(a, b)| a != b && once.contains(&(b, a))));
+    }
+
+    #[test]
+    fn as_many_points_as_a_case_may_have_are_a_file_of_25_mb_at_most() {
+        let along = |count: u32| -> Vec<_> {
+            let mm = (0..count).map(|at| f64::from(at) * 0.005);
+            mm.map(|mm| [mm, 0.0, 0.0]).collect()
+        };
+        let most = solid_of([&finding("line", &along(20_000))]);
+        assert!(most.triangles.len() * 50 < 25_000_000);
+        assert_closed(&most);
+        assert!(volume_mm3(&most) > 0.0);
+        let fine = solid_of([&finding("line", &along(3_001))]);
+        assert_eq!(fine.triangles.len(), 3_000 * 144);
+        let points = vec![finding("point", &[[0.0; 3]]); 3_001];
+        let coarse = solid_of(&points);
+        assert_eq!(coarse.triangles.len(), 3_001 * 12);
+        assert_closed(&coarse);
     }
 
     #[test]

@@ -40,7 +40,7 @@ export const FIRST_COLOUR = "#ffb000";
 
 export type NewFinding = Pick<Finding, "points_in_patient" | "depth_mm"> & Partial<Finding>;
 
-/** A finding that nobody has written about. */
+/** A finding that nobody has written about; the anterior one of two commissures is the first. */
 export const newFinding = (given: NewFinding): Finding => ({
   id: crypto.randomUUID(),
   kind: "point",
@@ -49,6 +49,7 @@ export const newFinding = (given: NewFinding): Finding => ({
   colour: FIRST_COLOUR,
   is_dismissed: false,
   ...given,
+  ...(given.kind === "acpc" && { points_in_patient: given.points_in_patient.toSorted(([, y], [, z]) => y - z) }),
   depth_mm: Math.max(0, Number(given.depth_mm.toFixed(2))) || 0,
 });
 
@@ -91,6 +92,17 @@ export const isSame = (one: Finding | undefined, other: Finding | undefined): bo
 export const areSame = (one: readonly Finding[], other: readonly Finding[]): boolean =>
   one.length === other.length && one.every((finding, at) => isSame(finding, other[at]));
 
+/** Whether it states where the commissures are, which a list does once. */
+const isAcpc = ({ kind, is_dismissed, is_unconfirmed }: Finding): boolean =>
+  kind === "acpc" && !is_dismissed && !is_unconfirmed;
+
+/** A list with the commissures once; if they are there twice, those that come first, or those that are preferred. */
+export function withOneAcpc(list: readonly Finding[], isPreferred: (finding: Finding) => boolean): readonly Finding[] {
+  const all = list.filter(isAcpc);
+  const kept = all.find(isPreferred) ?? all[0];
+  return list.filter((one) => one === kept || !isAcpc(one));
+}
+
 /** Two lists as one. */
 export interface Merged {
   readonly list: readonly Finding[];
@@ -100,7 +112,7 @@ export interface Merged {
 
 /**
  * Joins what this reader changed with what another one changed, both from `base`. What only one of them has changed is as
- * that one left it; what both have changed otherwise is kept as both left it, so that nothing is lost.
+ * that one left it; what both have changed otherwise is kept as both left it, so that nothing is lost. Of commissures, this reader's are kept.
  */
 export function merged(base: readonly Finding[], mine: readonly Finding[], theirs: readonly Finding[]): Merged {
   const by = (list: readonly Finding[]) => new Map(list.map((finding) => [finding.id, finding]));
@@ -111,7 +123,7 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
     const [was, here, there] = [before.get(id), own.get(id), other.get(id)];
     if (isSame(here, was) || isSame(here, there)) {
       if (there) list.push(there);
-    } else if (isSame(there, was) || !there) {
+    } else if (isSame(there, was) || !there || (here && isAcpc(here) && isAcpc(there))) {
       if (here) list.push(here);
     } else {
       list.push(there);
@@ -121,7 +133,7 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
       moved.push([id, own.id]);
     }
   }
-  return { list, moved };
+  return { list: withOneAcpc(list, ({ id }) => own.has(id)), moved };
 }
 
 /** The ids of both lists: those of the other one as they stand there, and mine before those that they stand before here, so that no number changes. */
@@ -149,7 +161,7 @@ const isRounded = (one: Finding, other: Finding): boolean =>
 
 /**
  * A list with those of a file behind it. What is there already is not added. What is there but says something else is kept as
- * both say it, that of the file behind the one that was there.
+ * both say it, that of the file behind the one that was there; but commissures of a file replace those that are there.
  */
 export function joined(
   own: readonly Finding[],
@@ -162,10 +174,10 @@ export function joined(
   const list = own.flatMap((known) => {
     const other = others.get(known.id);
     if (!other || isRounded(other, known)) return known;
-    doubled += 1;
+    if (!isAcpc(known) || !isAcpc(other)) doubled += 1;
     return [known, { ...other, id: crypto.randomUUID() }];
   });
-  return { list: [...list, ...added], doubled };
+  return { list: withOneAcpc([...list, ...added], (one) => !own.includes(one)), doubled };
 }
 
 /** The text of a file as findings; null if it is no list of them. The server checks the values. */

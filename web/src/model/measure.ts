@@ -21,6 +21,9 @@ export const POINTS: Readonly<Record<Tool, readonly [number, number]>> = {
 /** Whether it goes straight through the head, whatever surface its points were set on. */
 export const isWay = (tool: string): tool is "trajectory" | "acpc" => tool === "trajectory" || tool === "acpc";
 
+/** Whether commissures may lie so far apart: the server refuses others. */
+export const areCommissures = (apart_mm: number): boolean => apart_mm >= 10 && apart_mm <= 45;
+
 /** Where a point was set: in a slice, or on the surface at the depth that was shown. */
 export type Where = "slice" | "surface";
 

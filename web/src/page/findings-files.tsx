@@ -64,9 +64,9 @@ async function add({ findings, shown }: Store, file: File): Promise<void> {
   }
   // What others have added meanwhile is not taken back with the file.
   const known = new Set(before.map(({ id }) => id));
-  const ids = new Set(all.list.map(({ id }) => id).filter((id) => !known.has(id)));
-  const taken = sync.value.peek().filter(({ id }) => ids.has(id));
-  findings.did(before, [...before, ...taken]);
+  const ids = new Set(all.list.map(({ id }) => id));
+  const taken = sync.value.peek().filter(({ id }) => ids.has(id) && !known.has(id));
+  findings.did(before, [...before.filter(({ id }) => ids.has(id)), ...taken]);
   if (all.doubled > 0) findings.doubled.value = t("findings.otherwise", { count: number(all.doubled) });
   const count = number(taken.length);
   status.value = t(isOfOther(file.name, shown) ? "findings.added-of-other" : "findings.added", { count });

@@ -54,6 +54,7 @@ function Own({ store }: OfStore) {
   const mine = reading.mine.value;
   const { conclusion, template } = reading.value.value;
   const isSigned = reading.isSigned.value;
+  const signed = isSigned ? mine : reading.signed.value;
   const sign = async (): Promise<void> => {
     if (!mine) return;
     const { seen } = reading;
@@ -94,9 +95,9 @@ function Own({ store }: OfStore) {
           </div>
         </details>
       </fieldset>
-      {mine && isSigned && (
+      {signed && (
         <p class="signed">
-          {t("reading.signed", { version: number(mine.version), reader: nameOf(mine), at: momentOf(mine) })}
+          {t("reading.signed", { version: number(signed.version), reader: nameOf(signed), at: momentOf(signed) })}
         </p>
       )}
       {reading.isAhead.value && <Quiet>{t("reading.unsigned")}</Quiet>}
@@ -156,7 +157,7 @@ function Both({ store: { reading, shown }, other }: OfStore & { readonly other: 
   const [both, setBoth] = useState<readonly [Reading, Reading] | null>(null);
   const [said, say] = useState("");
   useEffect(() => {
-    const mine = reading.all.peek().findLast((one) => one.is_mine && one.state === "signed");
+    const mine = reading.signed.peek();
     const ofVersion = ({ reader, version }: ListedReading): Promise<Reading> =>
       ask(`v1/cases/${shown.id}/readings/by/${encodeURIComponent(reader)}?version=${version}`);
     const asked = mine ? [mine, other] : [];

@@ -133,13 +133,14 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
   });
 
   /** Does something with the result; nothing else can be asked for meanwhile. */
-  const work = async (step: (body: object) => Promise<void>): Promise<void> => {
+  const work = async (step: (body: object) => Promise<void>, mustBeSigned = false): Promise<void> => {
     setBusy(true);
     say(t("pacs.drawing"));
     try {
       // The server makes them of what it has.
       if (!isPicture) await findings.sync.flush();
-      const reading = kind === "findings" || kind === "report" ? await store.reading.reported() : null;
+      const canConclude = kind === "findings" || kind === "report";
+      const reading = canConclude ? await store.reading.reported(mustBeSigned) : null;
       await step({ ...body, ...(reading && { reading }) });
     } catch (problem) {
       say(problemWords(problem));
@@ -196,7 +197,7 @@ function ResultDialog({ store, onScreen }: ResultsProps) {
         <Button disabled={isBusy} onClick={() => void work(save)}>
           {t("pacs.save")}
         </Button>
-        <button type="button" class="primary" disabled={isBusy} onClick={() => void work(deliver)}>
+        <button type="button" class="primary" disabled={isBusy} onClick={() => void work(deliver, true)}>
           {t("pacs.send")}
         </button>
       </End>

@@ -16,6 +16,7 @@ import {
   numbered,
   plainFinding,
   signed,
+  withOneAcpc,
 } from "../model/findings.ts";
 import { Flows } from "../model/flow.ts";
 import type { Depths } from "../model/isosurface.ts";
@@ -240,7 +241,9 @@ export class Findings {
 
   #step(list: readonly Finding[]): void {
     const before = new Set(this.#list);
-    const after = list.map((one) => (before.has(one) ? one : own(one)));
+    const isOld = (one: Finding): boolean => before.has(one);
+    const all = list.map((one) => (isOld(one) ? one : own(one)));
+    const after = withOneAcpc(all, (one) => !isOld(one));
     this.did(this.#list, after);
     this.sync.change(after);
   }

@@ -8,6 +8,7 @@ import type { Isosurface } from "../model/geodesic.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Marked } from "../model/marks.ts";
 import {
+  areCommissures,
   isWay,
   type Column,
   type Measure,
@@ -19,7 +20,7 @@ import {
   valuesOf,
 } from "../model/measure.ts";
 import { type Vec3, distance } from "../model/space.ts";
-import { announce } from "./announce.ts";
+import { announce, note as say } from "./announce.ts";
 import type { Findings } from "./findings.ts";
 import type { View } from "./view.ts";
 
@@ -175,7 +176,8 @@ export class Measures {
   }
 
   keep(measured: Measured): void {
-    const { measure } = measured;
+    const { measure, values } = measured;
+    if (measure.tool === "acpc" && !areCommissures(values.straight_mm ?? NaN)) return say(t("measure.acpc-apart"));
     const note = [wordsOf(measured), columnWords(measured)].filter(Boolean).join("\n");
     const kept_as = this.#findings.take(findingOf({ ...measure, depth_mm: this.#depthOf(measure) }, note));
     this.#replace(measured, { ...measured, kept_as });

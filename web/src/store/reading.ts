@@ -16,12 +16,19 @@ import {
 import { plainText } from "../model/text.ts";
 import { announce } from "./announce.ts";
 import { holder, isNamed, mayWrite } from "./holder.ts";
-import { Sync, resumed } from "./sync.ts";
+import { type Stored, Sync, resumed } from "./sync.ts";
 
-/** What is signed: what was shown when the reader was asked. */
-export interface Seen extends Written {
+interface Body extends Written {
   readonly findings: readonly Finding[];
 }
+
+/** What is signed: what was shown when the reader was asked, and who that was. */
+export interface Seen extends Body {
+  readonly reader: string | undefined;
+}
+
+/** What readers have written who had the page before, and what the server had of it, by key: they alone see it again. */
+const UNSENT = new Map<string, { readonly value: Written; readonly stored: Stored<Written> }>();
 
 export class Reading extends Sync<Written> {
   /** The findings of the case as they are shown. */
@@ -37,8 +44,8 @@ export class Reading extends Sync<Written> {
   readonly isAhead = computed(() => this.isSigned.value && !this.areSame(this.value.value, this.stored.value.value));
   /** Whether a signature or a correction is on its way. */
   readonly isBusy = signal(false);
-  /** What readers have written who had the page before, by reader, and which is shown to nobody else. */
-  readonly #others = new Map<string, Written>();
+  /** One's own last signed version. */
+  readonly signed = computed(() => this.all.value.findLast((one) => one.is_mine && one.state === "signed"));
 
   private constructor(path: string, findings: ReadonlySignal<readonly Finding[]>) {
     super(path, { conclusion: "", template: {} });
@@ -61,6 +68,10 @@ export class Reading extends Sync<Written> {
     return !this.isSigned.peek();
   }
 
+  protected override get isSafe(): boolean {
+    return super.isSafe && UNSENT.size === 0;
+  }
+
   protected override areSame(one: Written, other: Written): boolean {
     return plain(one) === plain(other) && FIELDS.every((field) => one.template[field] === other.template[field]);
   }
@@ -80,7 +91,7 @@ export class Reading extends Sync<Written> {
     return { conclusion, template: Object.fromEntries(chosen.filter(([, word]) => word)) };
   }
 
-  protected override bodyOf(written: Written): Seen {
+  protected override bodyOf(written: Written): Body {
     const findings = isConcluded(written) ? this.#findings.peek() : [];
     return { conclusion: plain(written), template: written.template, findings };
   }
@@ -88,11 +99,15 @@ export class Reading extends Sync<Written> {
   protected override valueOf(answer: unknown): Written {
     const reading = answer as Kept;
     const before = this.mine.peek()?.reader;
+    const [value, stored] = [this.value.peek(), this.stored.peek()];
     if (before && before !== reading.reader) {
-      this.#others.set(before, this.value.peek());
-      this.value.value = this.#others.get(reading.reader) ?? this.stored.peek().value;
+      if (!this.areSame(value, stored.value)) UNSENT.set(this.key, { value, stored });
+      this.value.value = stored.value;
     }
     this.mine.value = reading;
+    const unsent = UNSENT.get(this.key);
+    if (unsent) ({ value: this.value.value, stored: this.stored.value } = unsent);
+    UNSENT.delete(this.key);
     return reading;
   }
 
@@ -110,7 +125,7 @@ export class Reading extends Sync<Written> {
 
   /** What is shown now, to be signed. */
   get seen(): Seen {
-    return this.bodyOf(this.value.peek());
+    return { ...this.bodyOf(this.value.peek()), reader: this.mine.peek()?.reader };
   }
 
   /** Signs what was seen; whether it is signed now. */
@@ -120,7 +135,7 @@ export class Reading extends Sync<Written> {
       await this.inTurn(async () => {
         // What another window or another reader wrote was not read by whoever signs.
         const now = this.seen;
-        if (!this.areSame(now, seen) || !areSame(now.findings, seen.findings))
+        if (now.reader !== seen.reader || !this.areSame(now, seen) || !areSame(now.findings, seen.findings))
           throw new Problem(412, "reading-changed", "");
         const headers = { "if-match": this.stored.peek().tag };
         this.adopt(await this.heard(await send(`${this.path}/signature`, { method: "POST", headers })));
@@ -129,10 +144,16 @@ export class Reading extends Sync<Written> {
     });
   }
 
-  /** Whose reading a report is of, once the server has it with the findings as they are shown; null: nothing is concluded. */
-  async reported(): Promise<string | null> {
+  /**
+   * Whose reading a report is of, once the server has it with the findings as they are shown; null: nothing is concluded, or what must be
+   * signed is open. Without a conclusion in a correction, the signed version counts.
+   */
+  async reported(mustBeSigned = false): Promise<string | null> {
     const mine = this.mine.peek();
-    if (!mine || !this.isBegun.peek()) return null;
+    if (!mine) return null;
+    const isBegun = this.isBegun.peek();
+    const isSigned = this.isSigned.peek() || (mine.version > 1 && !isBegun);
+    if (!isSigned && (mustBeSigned || !isBegun)) return null;
     if (this.isOpen) await this.push(true);
     return mine.reader;
   }

@@ -73,6 +73,11 @@ export abstract class Sync<Value> {
     return !this.#isSending && this.areSame(this.value.peek(), this.stored.peek().value);
   }
 
+  /** Whether nothing is lost if the page is closed. */
+  protected get isSafe(): boolean {
+    return this.isKept;
+  }
+
   attend(): void {
     addEventListener("beforeunload", this.#leave);
     document.addEventListener("visibilitychange", this.#turn);
@@ -166,7 +171,7 @@ export abstract class Sync<Value> {
     clearTimeout(this.#timer);
     return this.inTurn(async () => {
       if (always || (!this.isKept && this.isOpen)) await this.#send();
-      if (this.isKept) this.#forget();
+      if (this.isSafe) this.#forget();
     });
   }
 
@@ -207,7 +212,7 @@ export abstract class Sync<Value> {
   }
 
   readonly #leave = (event: Event): void => {
-    if (this.isKept) return;
+    if (this.isSafe) return;
     event.preventDefault();
     // It may be there before the reader has answered.
     this.flush().catch(() => {});

@@ -53,9 +53,9 @@ pub struct FindingsChanged {
 /// What readers have marked and written
 ///
 /// As JSON, or with `Accept: text/csv` as CSV with a row for each point, or with `Accept: application/gzip` as labels: a
-/// gzipped NIfTI-1 file on the grid of the acquired volume, of what was neither dismissed nor unconfirmed; the commissures are none. A label is the number
+/// gzipped NIfTI-1 file on the grid of the acquired volume, of what was neither dismissed nor unconfirmed, without the commissures (`acpc`). A label is the number
 /// that page and report give its finding, from 1, and covers what a brush of 3 mm would; a comment in the file has the names. With `Accept: model/stl`, the same findings are
-/// a binary STL in LPS mm: balls around points, and tubes along lines, outlines and trajectories, with a radius of 1.5 mm. Findings lie in the patient:
+/// a binary STL in LPS mm: balls around points, and tubes along lines, outlines and trajectories, with a radius of 1.5 mm; more than 3,000 of them have six sides and pointed ends. Findings lie in the patient:
 /// they are at the same place in every picture of the case. The `ETag` of the JSON is what a change must name.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/findings", tag = "findings",

@@ -190,8 +190,8 @@ pub async fn list_readings(
 
 /// The reading of a reader
 ///
-/// The last version of one's own, or the last signed one of somebody else, or the version that the query names. As JSON, or with `Accept: text/csv` as a row
-/// with the conclusion and the template.
+/// The last version of one's own (the signed one before an open correction in which nothing is concluded), or the last signed one of somebody else, or the
+/// version that the query names. As JSON, or with `Accept: text/csv` as a row with the conclusion and the template.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/readings/by/{reader}", tag = "findings",
     params(

@@ -261,8 +261,19 @@ async fn a_reading_that_is_emptied_leaves_the_case_as_it_was() {
     let signed = sign(&server, ANA, &case, kept.header("etag")).await;
     let correction = put(&server, ANA, &case, signed.header("etag"), &full).await;
     assert_eq!(status().await, "begun");
-    put(&server, ANA, &case, correction.header("etag"), &empty).await;
+    let emptied = put(&server, ANA, &case, correction.header("etag"), &empty).await;
     assert_eq!(status().await, "signed");
+    // The signed version counts again, and the correction is still there to be written.
+    let counts = get(&server, ANA, &format!("{case}/readings/by/ana")).await;
+    assert_eq!(counts.json(), signed.json());
+    let report = get(&server, ANA, &format!("{case}/report?reading=ana")).await;
+    let report = String::from_utf8_lossy(&report.body).into_owned();
+    assert!(report.contains("<bdi>Thick</bdi>") && report.contains("Signed by <bdi>ana</bdi>"));
+    let mine = get(&server, ANA, &format!("{case}/readings/mine")).await;
+    assert_eq!(
+        (mine.json(), mine.header("etag")),
+        (emptied.json(), emptied.header("etag"))
+    );
 }
 
 #[tokio::test]

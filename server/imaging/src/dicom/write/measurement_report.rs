@@ -164,7 +164,7 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
     group
 }
 
-/// What a reader concludes about the head. Places and answers have the codes of the contexts 7151, 244 and 240 of PS3.16; signs of a dysplasia have
+/// What a reader concludes about the head. Places and answers have the codes of the context groups 7153, 244 and 240 of PS3.16; signs of a dysplasia have
 /// none there, and have ours.
 fn evaluations(conclusion: &Conclusion) -> Item {
     let Conclusion {
