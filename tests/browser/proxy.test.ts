@@ -211,28 +211,34 @@ test("two readers sign, each without seeing the other’s conclusion before, and
   }
 });
 
+/** Waits until a page has taken over what the server keeps for whoever is signed in. */
+const followed = (page: Page): Promise<string | null> =>
+  until(
+    () => page.evaluate(() => localStorage.getItem("isocortex-owner")),
+    (owner) => owner === JSON.stringify(`proxy:${person}`),
+  );
+const layouts = (page: Page): Promise<string[]> => page.locator(".saved-layouts button[dir]").allTextContents();
+const layoutsSection = (page: Page) => page.locator(".group", { hasText: "Saved layouts" });
+const preferencesKept = async () =>
+  (await (await fetch(new URL("v1/preferences", address))).json()) as Record<string, unknown>;
+
 test("what somebody has saved is theirs in every browser, and nobody else's", { skip }, async () => {
   const openAs = async (reader: string) => {
     person = reader;
     const opened = await openPage(browser, { locale: "en-GB" });
-    const followed = opened.page.waitForResponse((answer) => answer.url().endsWith("/v1/preferences"));
     await opened.page.goto(`${address}#${id}&r=mesh&d=12&l=slices`);
     await shown(opened.page);
-    await followed;
+    await followed(opened.page);
     return opened;
   };
-  const layouts = (page: Page): Promise<string[]> => page.locator(".saved-layouts button[dir]").allTextContents();
   const first = await openAs("ana");
-  const section = (page: Page) => page.locator(".group", { hasText: "Saved layouts" });
-  await section(first.page).locator("summary").click();
+  await layoutsSection(first.page).locator("summary").click();
   await first.page.locator("#layout-name").fill("Slices at 12");
   await first.page.getByRole("button", { name: "Save what is shown" }).click();
   await first.page.getByText("kept on the server for you").waitFor();
-  const kept = first.page.waitForResponse((answer) => answer.request().method() === "PUT" && answer.ok());
   await first.page.getByRole("button", { name: "Use as my steps" }).click();
-  await kept;
   await until(
-    async () => (await (await fetch(new URL("v1/preferences", address))).json()) as Record<string, unknown>,
+    preferencesKept,
     ({ layouts: saved, steps, choices }) =>
       (saved as unknown[] | undefined)?.length === 1 &&
       (steps as unknown[] | undefined)?.length === 1 &&
@@ -241,10 +247,7 @@ test("what somebody has saved is theirs in every browser, and nobody else's", { 
   await keep(first.page, "layouts-named");
   assert.deepEqual(await violations(first.page), []);
   const download = first.page.waitForEvent("download");
-  await first.page
-    .locator(".group", { hasText: "Saved layouts" })
-    .getByRole("button", { name: "Save as a file" })
-    .click();
+  await layoutsSection(first.page).getByRole("button", { name: "Save as a file" }).click();
   const file = await (await download).path();
 
   // The same person in another browser.
@@ -254,9 +257,9 @@ test("what somebody has saved is theirs in every browser, and nobody else's", { 
 
   const other = await openAs("ben");
   assert.deepEqual(await layouts(other.page), []);
-  await section(other.page).locator("summary").click();
+  await layoutsSection(other.page).locator("summary").click();
   await other.page.locator("#layouts-file").setInputFiles(file);
-  await other.page.getByText("Layouts of the file: 1").waitFor();
+  await other.page.getByText("Layouts of the file: 1. Your own steps are now those of the file: 1.").waitFor();
   assert.deepEqual(await layouts(other.page), ["Slices at 12"]);
   await other.page.evaluate(() => (document.documentElement.dataset["theme"] = "light"));
   await keep(other.page, "layouts-named-light");
@@ -264,4 +267,51 @@ test("what somebody has saved is theirs in every browser, and nobody else's", { 
     assert.deepEqual(troubles, []);
     await context.close();
   }
+});
+
+test("whoever signs in after somebody else, in the same browser, begins with nothing of theirs", { skip }, async () => {
+  const { page, context, troubles } = await openPage(browser, { locale: "en-GB" });
+  const openAs = async (reader: string): Promise<void> => {
+    person = reader;
+    await page.goto("about:blank");
+    await page.goto(`${address}#${id}&r=mesh&d=12&l=slices`);
+    await shown(page);
+    await followed(page);
+  };
+  const save = async (name: string): Promise<void> => {
+    const section = layoutsSection(page);
+    if ((await section.getAttribute("open")) === null) await section.locator("summary").click();
+    await page.locator("#layout-name").fill(name);
+    await page.getByRole("button", { name: "Save what is shown" }).click();
+    await until(preferencesKept, ({ layouts: saved }) => JSON.stringify(saved ?? []).includes(name));
+  };
+
+  await openAs("zoe");
+  await page.locator("#reader").fill("Dr Zoe");
+  await page.locator("#reader").press("Tab");
+  await save("Of Zoe");
+  assert.equal(((await preferencesKept())["choices"] as { reader: string }).reader, "Dr Zoe");
+
+  await openAs("ron");
+  assert.deepEqual(await layouts(page), []);
+  assert.equal(await page.locator("#reader").inputValue(), "");
+  await page.locator("#reader").fill("Dr Ron");
+  await page.locator("#reader").press("Tab");
+  await save("Of Ron");
+  assert.doesNotMatch(JSON.stringify(await preferencesKept()), /Zoe/);
+
+  // Ron leaves his page open, and Zoe signs in elsewhere.
+  person = "zoe";
+  await page.locator("#layout-name").fill("Whose");
+  await page.getByRole("button", { name: "Save what is shown" }).click();
+  await page.getByText("Somebody else has signed in").first().waitFor();
+  assert.doesNotMatch(JSON.stringify(await preferencesKept()), /Ron|Whose/);
+  await openAs("zoe");
+  assert.deepEqual(await layouts(page), ["Of Zoe"]);
+  assert.equal(await page.locator("#reader").inputValue(), "Dr Zoe");
+  assert.deepEqual(
+    troubles.filter((trouble) => !/status of 412/.test(trouble)),
+    [],
+  );
+  await context.close();
 });

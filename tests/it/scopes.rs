@@ -281,6 +281,7 @@ async fn whatever_shows_or_changes_something_of_a_patient_is_recorded() {
         .map(|((method, path), _)| format!("{method} {path}"))
         .collect();
     let expected = [
+        "DELETE /v1/preferences",
         "GET /docs",
         "GET /docs.css",
         "GET /metrics",
@@ -289,6 +290,7 @@ async fn whatever_shows_or_changes_something_of_a_patient_is_recorded() {
         "GET /v1/preferences",
         "GET /v1/session",
         "GET /version",
+        "PUT /v1/preferences",
     ];
     assert_eq!(of_none, expected);
 }

@@ -21,11 +21,12 @@ pub struct Preferences {
 }
 
 impl Preferences {
-    fn read(stored: Option<String>) -> Result<Self, Error> {
+    fn read(user: &str, stored: Option<String>) -> Result<Self, Error> {
         let document = stored.as_deref().unwrap_or("{}");
         Ok(Self {
             members: serde_json::from_str(document).map_err(StoreError::from)?,
-            version: FindingsVersion::of(document),
+            // Two users may have chosen the same: whoever knows the one does not know the other.
+            version: FindingsVersion::of(&format!("{user}\n{document}")),
             stored,
         })
     }
@@ -37,7 +38,7 @@ impl Cases {
     /// # Errors
     /// An error of the store.
     pub async fn preferences(&self, user: &str) -> Result<Preferences, Error> {
-        Preferences::read(self.store().preferences(user).await?)
+        Preferences::read(user, self.store().preferences(user).await?)
     }
 
     /// Replaces what a user has chosen, if it is still of one of the versions that the client knows. It is durable then.
@@ -66,7 +67,7 @@ impl Cases {
             .store()
             .replace_preferences(user, stored, Some(&document));
         match replaced.await? {
-            true => Ok(Preferences::read(Some(document))?),
+            true => Ok(Preferences::read(user, Some(document))?),
             false => Err(NotReplaced::Changed(self.preferences(user).await?)),
         }
     }

@@ -102,7 +102,10 @@ function lookOf(text: string, shown: ReadyCase, layers: readonly Layer[]): HalfL
 }
 
 /** The contrasts and kinds of the layers that a layout has in panes, and a case has not. */
-export function missingOf({ series }: SavedLayout, layers: readonly Layer[]): readonly (Contrast | LayerKind)[] {
+export function missingOf(
+  { series }: Pick<SavedLayout, "series">,
+  layers: readonly Layer[],
+): readonly (Contrast | LayerKind)[] {
   const parts = Object.values(series).flatMap((text) => text.split("|"));
   const missing = parts.filter((part) => partOf(part, layers) === null).map((part) => part.split(":")[1]);
   return FOUND_BY.filter((one) => missing.includes(one));
@@ -170,9 +173,16 @@ export function recalled(
   };
 }
 
-/** What is stored as layouts; what is not understood is left out. */
+/** What is stored as layouts; what is not understood is left out. A name that comes again gets a number. */
 export function readLayouts(stored: unknown): readonly SavedLayout[] {
-  return (Array.isArray(stored) ? stored : []).flatMap((one: unknown) => readLayout(one) ?? []).slice(0, MOST_LAYOUTS);
+  const all = (Array.isArray(stored) ? stored : []).flatMap((one: unknown) => readLayout(one) ?? []);
+  const names = new Set<string>();
+  return all.slice(0, MOST_LAYOUTS).map((one) => {
+    let { name } = one;
+    for (let at = 2; names.has(name); at += 1) name = `${plainLine(one.name, LONGEST_NAME - 2)} ${at}`;
+    names.add(name);
+    return { ...one, name };
+  });
 }
 
 function readLayout(stored: unknown): SavedLayout | null {

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 
 import { type Key, type Language, isLanguage, languageFor } from "../base/i18n.ts";
-import { keep, keptText } from "../base/kept.ts";
+import { isOwn, keep, keptText } from "../base/kept.ts";
 import { LONGEST_LABEL } from "../model/findings.ts";
 import { type Protocol, isProtocol } from "../model/steps.ts";
 import { parsed, plainLine } from "../model/text.ts";
@@ -73,10 +73,18 @@ export function readPreferences(
 
 export const preferences = signal(readPreferences(parsed(keptText("localStorage", KEY))));
 
+/** How the page is arranged, which is this browser's. */
+export const arranged = ({ list, panel, task, unfolded }: Preferences) => ({ list, panel, task, unfolded });
+
+/** What is chosen wherever somebody sits. */
+export function choicesOf({ list, panel, task, unfolded, ...choices }: Preferences) {
+  return choices;
+}
+
 /** Takes a preference over; in a frame beside another case it is one of the frame alone. */
 export function choose(change: Partial<Preferences>): void {
   preferences.value = { ...preferences.peek(), ...change };
-  if (parent === window) keep("localStorage", KEY, preferences.peek());
+  if (parent === window && isOwn()) keep("localStorage", KEY, preferences.peek());
 }
 
 /** Remembers that a section is unfolded, or folded. */

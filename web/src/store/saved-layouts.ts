@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 
-import { keep, keptText } from "../base/kept.ts";
+import { isOwn, keep, keptText } from "../base/kept.ts";
 import { type Key, number, t } from "../base/i18n.ts";
 import {
   MOST_LAYOUTS,
@@ -24,13 +24,13 @@ function kept(name: string) {
   const layouts = signal(stored());
   // Another window has saved one.
   globalThis.addEventListener?.("storage", ({ key }: StorageEvent) => {
-    if (key === name) layouts.value = stored();
+    if (key === name && isOwn()) layouts.value = stored();
   });
   return {
     layouts,
     take(now: readonly SavedLayout[]): void {
       layouts.value = now;
-      keep("localStorage", name, now);
+      if (isOwn()) keep("localStorage", name, now);
     },
   };
 }
@@ -75,9 +75,11 @@ export const removeLayout = (at: number): void => takeLayouts(savedLayouts.peek(
 
 /** Makes the saved layouts one's own steps; a close-up needs a mark, and is none. */
 export function makeSteps(): string {
-  takeSteps(savedLayouts.peek().filter(({ layout }) => layout !== "closer"));
+  const steps = savedLayouts.peek().filter(({ layout }) => layout !== "closer");
+  if (steps.length === 0) return t("layouts.no-steps");
+  takeSteps(steps);
   choose({ protocol: "own" });
-  return t("layouts.steps-made", { count: number(ownSteps.peek().length) });
+  return t("layouts.steps-made", { count: number(steps.length) });
 }
 
 /** Layouts and steps as a file for others. */
@@ -96,5 +98,7 @@ export function addLayouts(text: string): string {
   if (all.length > MOST_LAYOUTS) return t("layouts.full");
   takeLayouts(all);
   if (steps.length > 0) takeSteps(steps);
-  return t("layouts.added", { count: number(given.length) });
+  const said = (key: Key, { length }: readonly unknown[]): string =>
+    length > 0 ? t(key, { count: number(length) }) : "";
+  return `${said("layouts.added", given)} ${said("layouts.steps-added", steps)}`.trim();
 }

@@ -3,7 +3,7 @@
 import { number, t } from "../base/i18n.ts";
 import { viewName } from "../model/camera.ts";
 import { isReady } from "../model/layers.ts";
-import { recalled } from "../model/saved-layouts.ts";
+import { missingOf, recalled } from "../model/saved-layouts.ts";
 import { PROTOCOLS, type Protocol, type Step, isProtocol } from "../model/steps.ts";
 import { clampDepth } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
@@ -39,8 +39,10 @@ const flairOf = ({ caseLayers }: Store): string | null =>
   caseLayers.list.value?.layers.findLast((one) => one.contrast === "flair" && isReady(one))?.id ?? null;
 
 /** Whether the case has what a step shows. */
-export function canShow(store: Store, { shows, surface = "whole" }: Step): boolean {
-  const { state } = store.caseLayers.list.value?.layers[0] ?? {};
+export function canShow(store: Store, { shows, surface = "whole", series = {} }: Step): boolean {
+  const layers = store.caseLayers.list.value?.layers ?? [];
+  const { state } = layers[0] ?? {};
+  if (missingOf({ series }, layers).length > 0) return false;
   if (shows === "flair") return flairOf(store) !== null;
   if (shows === "places") return state !== "undefined" && state !== "off";
   return surface === "whole" || store.refusal.value === "";
@@ -55,7 +57,8 @@ export function stepOnScreen({ step, view, shown }: Store): string | null {
     layout === gone.layout &&
     surface === gone.surface &&
     depth_mm === clampDepth(gone.depth_mm ?? depth_mm, shown) &&
-    viewName(orientation) === gone.view;
+    // From a head that was turned freely, the direction was not saved.
+    (gone.view === null || viewName(orientation) === gone.view);
   return isThere || gone.shows === "places" || gone.shows === "findings" ? gone.name : null;
 }
 

@@ -190,7 +190,7 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
         )
         .and(
             GuardedRoutes::default()
-                // They are nothing of a case: whoever may look has some.
+                // They are nothing of a case or a patient: whoever may look has some, and nothing of them is recorded.
                 .with(
                     Scope::Read,
                     Audited::No,
@@ -198,12 +198,12 @@ fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
                 )
                 .with(
                     Scope::Read,
-                    Audited::Change,
+                    Audited::No,
                     routes!(preferences::put_preferences),
                 )
                 .with(
                     Scope::Read,
-                    Audited::Change,
+                    Audited::No,
                     routes!(preferences::delete_preferences),
                 )
                 .map(|routes| routes.layer(DefaultBodyLimit::max(::cases::preferences::MAX_BYTES))),

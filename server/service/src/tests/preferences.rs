@@ -26,14 +26,12 @@ async fn preferences_are_of_one_user_whatever_they_may_do() {
         (read.json(), read.header("etag")),
         (chosen.clone(), kept.header("etag"))
     );
-    // Who may only look chooses as well; others do not see it.
-    let viewers = put(
-        &server,
-        VIEWER,
-        none.header("etag"),
-        "{\"a\": 1}".to_owned(),
-    )
-    .await;
+    // Who may only look chooses as well, and nobody by the version of another; others do not see it.
+    let anas = none.header("etag");
+    let body = || "{\"a\": 1}".to_owned();
+    let strange = put(&server, VIEWER, anas, body()).await;
+    assert_eq!(strange.refusal(), (412, "preferences-changed".to_owned()));
+    let viewers = put(&server, VIEWER, strange.header("etag"), body()).await;
     assert_eq!(viewers.status, 200, "{viewers:?}");
     assert_eq!(get(&server, BEN, ADDRESS).await.json(), json!({}));
 

@@ -17,7 +17,7 @@ pub(crate) mod made;
 mod owners;
 pub(crate) mod pins;
 mod postgres;
-mod preferences;
+pub(crate) mod preferences;
 mod readings;
 pub(crate) mod series;
 mod sqlite;

@@ -168,8 +168,12 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
 
     let signed = from.sign_reading(&ids[0], &begun).await;
     assert!(matches!(signed, Ok(WrittenReading::Done(_))));
+    let there_since = to.replace_preferences("ana", Some("{}"), Some("since"));
+    assert!(there_since.await.unwrap());
     let (again, _) = copied(&from, &to).await;
     assert_eq!((again.objects, again.bytes, again.kept), (0, 0, 12));
+    let chosen = to.preferences("ana").await.unwrap();
+    assert_eq!(chosen.as_deref(), Some("since"), "the later one");
     let readings = to.readings(&ids[0]).await.unwrap();
     assert!(readings[0].signed_at.is_some());
     assert_eq!(readings, from.readings(&ids[0]).await.unwrap());

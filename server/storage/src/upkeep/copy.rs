@@ -36,7 +36,7 @@ type Report<'r> = &'r mut (dyn FnMut(CopyStep, &Copied) + Send);
 
 /// Copies every case, and what users have chosen for themselves, into another store. Intact objects that the target already has are kept, so an interrupted
 /// copy continues where it stopped, and a repeated copy adds what is new. Cases that only the target has stay
-/// there.
+/// there, and so does what users have chosen there since.
 ///
 /// A case that is not prepared yet is prepared there. Each object is verified against its digest when it is read,
 /// and read back after it is written.
@@ -58,13 +58,8 @@ pub async fn copy_into(from: &Store, to: &Store, report: Report<'_>) -> Result<C
         };
         report(step, &copied);
     }
-    for user in from.users_with_preferences().await? {
-        let chosen = from.preferences(&user).await?;
-        let known = to.preferences(&user).await?;
-        if chosen != known {
-            to.replace_preferences(&user, known.as_deref(), chosen.as_deref())
-                .await?;
-        }
+    for preferences in from.all_preferences().await? {
+        to.write_copied_preferences(preferences).await?;
     }
     Ok(copied)
 }
