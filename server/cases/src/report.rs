@@ -112,7 +112,7 @@ impl Cases {
             names.name(finding);
         }
         let (findings, others): (Vec<_>, Vec<_>) =
-            (list.into_iter()).partition(|finding| finding.is_numbered());
+            (list.into_iter()).partition(Finding::is_numbered);
         let dismissed = others
             .into_iter()
             .filter(|finding| finding.is_dismissed)
