@@ -69,6 +69,22 @@ fn layers_are_prepared_with_their_case_and_wrong_ones_are_named() {
         "{written}"
     );
 
+    // One that cannot be added keeps no other out, and the case is there.
+    let other = format!("T2={flair}");
+    let options = [
+        "--layer",
+        &other,
+        "--layer-unit",
+        "a\nb",
+        "--layer-unit",
+        "a.u.",
+    ];
+    let (status, written) = with(&flair, &options);
+    assert_eq!(status, Some(65), "{written}");
+    assert!(written.contains("layer T2: placed"), "{written}");
+    assert!(written.contains("not all of its layers"), "{written}");
+    assert_eq!(written.lines().next().unwrap().len(), 32, "{written}");
+
     let (status, written) = with(&format!("T2={flair}"), &["--layer-unit", "a.u."]);
     assert_eq!(status, Some(0), "{written}");
     assert!(written.contains("layer T2: "), "{written}");

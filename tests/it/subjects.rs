@@ -275,7 +275,7 @@ async fn what_is_wrong_with_a_subject_is_said_of_its_file() {
             with("surf/lh.white", white[..9000].to_vec()),
             422,
             "surface-damaged",
-            "surf",
+            "surf/lh.white",
         ),
         (
             with("surf/lh.white", beyond),
@@ -287,13 +287,19 @@ async fn what_is_wrong_with_a_subject_is_said_of_its_file() {
             with("surf/lh.thickness", curv(&[1.0; 7])),
             422,
             "values-of-another-surface",
-            "thickness",
+            "surf/lh.thickness",
         ),
         (
             with("label/lh.aparc.annot", annotation(7)),
             422,
             "values-of-another-surface",
-            "aparc",
+            "label/lh.aparc.annot",
+        ),
+        (
+            with("mri/aparc+aseg.mgz", t1[..5000].to_vec()),
+            422,
+            "surface-damaged",
+            "mri/aparc+aseg.mgz",
         ),
         (two, 422, "surface-damaged", "2 subjects"),
         (zipped("", &files[1..]), 415, "dicom-none", ""),
@@ -364,7 +370,7 @@ async fn the_command_prepares_the_folder_of_a_subject() {
     let (status, written) = run(&["prepare", folder, "--data", data]);
     assert_ne!(status, Some(0));
     assert!(
-        written.contains("surf: the surface cannot be read"),
+        written.contains("surf/lh.white: the surface cannot be read"),
         "{written}"
     );
 }

@@ -50,6 +50,7 @@ test("that left and right are in doubt is said first, and not as an error of the
   });
   assert.deepEqual(doubtsOf(quality("ok")), []);
   assert.deepEqual(doubtsOf(quality("review", "axes-corrected")), ["sides"]);
+  assert.deepEqual(doubtsOf(quality("review", "axes-corrected", "axes-assumed")), ["sides"]);
   assert.deepEqual(doubtsOf(quality("review", "mask-thin", "axes-corrected")), ["sides", "review"]);
   assert.deepEqual(doubtsOf(quality("failed", "axes-corrected")), ["sides", "failed"]);
   assert.deepEqual(doubtsOf(quality("review", "mask-thin")), ["review"]);

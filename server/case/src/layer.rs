@@ -265,7 +265,6 @@ impl Transform {
 /// What is known of a layer that was drawn from surfaces: each voxel around them has the value of the nearest place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LayerSurface))]
-#[serde(deny_unknown_fields)]
 pub struct SurfaceFacts {
     /// Vertices of all its surfaces.
     pub vertices: u32,
@@ -528,7 +527,7 @@ pub struct PlacementFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// The stable name of that reason: `place-not-compared`, `space-not-stated`, `covers-too-little`,
-    /// `not-along-cortex` or `far-from-junction`.
+    /// `not-along-cortex`, `far-from-junction` or `axes-assumed`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason_code: Option<String>,
     /// Normalised mutual information where the header places it: 1 for none, 2 for complete.
@@ -681,6 +680,13 @@ mod tests {
         [0.0, 0.0, 1.0, 0.0],
         [0.0, 0.0, 0.0, 1.0],
     ];
+
+    #[test]
+    fn a_surface_of_an_earlier_version_is_read() {
+        let stored = r#"{"kind": "labels", "surface": {"vertices": 4, "triangles": 2, "thickness_mm": 1.5, "spread": 0.2, "mirrored_spread": 0.4}}"#;
+        let parameters: LayerParameters = serde_json::from_str(stored).unwrap();
+        assert_eq!(parameters.surface.map(|surface| surface.vertices), Some(4));
+    }
 
     #[test]
     fn each_parameter_changes_the_id_and_ids_stay() {

@@ -46,7 +46,7 @@ pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
 pub use public_error::{ErrorKind, INTERNAL, PublicError};
 pub use quality::{
-    AXES_CORRECTED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
+    AXES_ASSUMED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
 };
 pub use registration::{CaseRegistration, RegistrationVerdict};
 pub use side::PatientSide;

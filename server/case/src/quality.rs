@@ -74,7 +74,10 @@ impl MaskMethod {
 }
 
 /// The code of the doubt about left and right, which is no doubt about the mask.
-pub const AXES_CORRECTED: &str = "axes-corrected";
+const AXES_CORRECTED: &str = "axes-corrected";
+
+/// The code of the same doubt of a file that does not state its axes.
+pub const AXES_ASSUMED: &str = "axes-assumed";
 
 const OTHER_AXES: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell left \
                           from right: ask whoever made the file which side is left, then delete both cases and upload the volume with the \
@@ -102,9 +105,12 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Whether it has the reason of this code.
-    pub fn has_reason(&self, code: &str) -> bool {
-        self.reason_codes.iter().any(|reason| reason == code)
+    /// How many of its reasons are doubts about left and right.
+    pub fn doubts_about_sides(&self) -> usize {
+        let codes = self.reason_codes.iter();
+        codes
+            .filter(|code| [AXES_CORRECTED, AXES_ASSUMED].contains(&code.as_str()))
+            .count()
     }
 
     /// Takes in whether another case has the same voxels with other axes, the one doubt that comes and goes after the mask was rated.

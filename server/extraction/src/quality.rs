@@ -278,9 +278,9 @@ impl Quality {
         }
     }
 
-    /// Whether the header and the stored values describe a head: whether the axes are perpendicular, and how many voxels inside the
-    /// envelope were no finite numbers.
-    pub fn rate_source(&mut self, volume_grid: &Grid, not_finite: usize) {
+    /// Whether the headers and the stored values describe a head: whether the axes are perpendicular, how many voxels inside the
+    /// envelope were no finite numbers, and whether a header states no axes, so that some were assumed.
+    pub fn rate_source(&mut self, volume_grid: &Grid, not_finite: usize, are_axes_assumed: bool) {
         let axes = volume_grid.patient_from_voxel().matrix3;
         let unit = [0, 1, 2].map(|axis| axes.col(axis).normalize());
         let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
@@ -291,6 +291,11 @@ impl Quality {
                 "the axes of the header lean by {lean:.1}° from right angles; lengths and depths are true only if the head was scanned so, \
                  and wrong if it was registered to a template"
             )
+        });
+        self.say(review_if(are_axes_assumed), "axes-assumed", || {
+            "an MGH file does not state its axes (its goodRASflag is 0), so FreeSurfer's default was used: they point left, down and forwards, \
+             and voxels have 1 mm; ask whoever made the file which side is left"
+                .to_owned()
         });
         self.say(review_if(not_finite > 0), "voxels-not-finite", || {
             format!(
@@ -821,14 +826,15 @@ mod tests {
             );
             Grid::new([4, 4, 4], DAffine3::from_mat3(axes)).expect("a grid")
         };
-        let codes = |degrees: f64, not_finite: usize| {
+        let codes = |degrees: f64, not_finite: usize, are_axes_assumed: bool| {
             let mut quality = usual();
-            quality.rate_source(&leaning(degrees), not_finite);
+            quality.rate_source(&leaning(degrees), not_finite, are_axes_assumed);
             let codes: Vec<_> = quality.reasons.iter().map(|reason| reason.code).collect();
             codes
         };
-        assert!(codes(0.4, 0).is_empty());
-        assert_eq!(codes(0.6, 0), ["axes-sheared"]);
-        assert_eq!(codes(0.0, 1), ["voxels-not-finite"]);
+        assert!(codes(0.4, 0, false).is_empty());
+        assert_eq!(codes(0.6, 0, false), ["axes-sheared"]);
+        assert_eq!(codes(0.0, 1, false), ["voxels-not-finite"]);
+        assert_eq!(codes(0.0, 0, true), ["axes-assumed"]);
     }
 }

@@ -205,12 +205,6 @@ pub enum ImagingError {
         /// Greatest intensity.
         max: f64,
     },
-    /// An MGH header without a valid orientation.
-    #[error(
-        "the MGH header does not state which side of the head is left (its goodRASflag is 0), and programs read it differently; \
-         convert the original images again"
-    )]
-    MghOrientationUnknown,
     /// An MGH data type that is not read.
     #[error(
         "MGH data type {code} is not supported; use 0 (uchar), 1 (int), 3 (float), 4 (short) or 10 (ushort)"
@@ -311,7 +305,6 @@ impl ImagingError {
             Self::NiftiAffine { .. } => "nifti-affine",
             Self::NiftiScaling { .. } => "nifti-scaling",
             Self::NiftiIntensityRange { .. } => "nifti-intensity-range",
-            Self::MghOrientationUnknown => "nifti-orientation-unknown",
             Self::MghDataType { .. } => "nifti-data-type",
             Self::GzipTruncated => "gzip-truncated",
             Self::GzipCorrupt => "gzip-corrupt",

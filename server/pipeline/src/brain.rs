@@ -54,11 +54,12 @@ impl Found {
         envelope: &Envelope,
         volume_grid: &Grid,
         replaced: &Replaced,
+        are_axes_assumed: bool,
     ) {
         if let MaskQuality::Measured(_, measured) = &mut self.quality {
             let holes = replaced.enclosed.as_ref();
             let inside = holes.map_or(0, |holes| holes.count_within(envelope.mask()));
-            measured.rate_source(volume_grid, inside);
+            measured.rate_source(volume_grid, inside, are_axes_assumed);
         }
     }
 

@@ -45,7 +45,7 @@ use self::affine::rows_of;
 use self::brain::find_brain;
 use self::codec::{encode_brain, encode_envelope, encode_forest, encode_paths, encode_volume};
 use self::failure::from_geometry;
-use self::source::{check_intensities, read_sound_volume};
+use self::source::{are_axes_assumed, check_intensities, read_sound_volume};
 use self::steps::Steps;
 use self::voxels::voxel_facts;
 
@@ -95,7 +95,8 @@ fn prepare(source: &Source, how: How<'_>, mut steps: Steps<'_>) -> Result<Prepar
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
-    found.rate_source(closed.envelope(), native.grid(), &replaced);
+    let is_assumed = are_axes_assumed(source, how.limits)?;
+    found.rate_source(closed.envelope(), native.grid(), &replaced, is_assumed);
     let quality = found.quality(closed.envelope(), native.grid());
     let volume = crop(&native, closed.envelope())?;
 

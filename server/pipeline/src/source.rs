@@ -64,6 +64,17 @@ pub(super) fn read_sound_volume(
     Ok((volume, replaced))
 }
 
+/// Whether the file of the volume or of the mask does not state its axes.
+pub(super) fn are_axes_assumed(source: &Source, limits: &Limits) -> Result<bool, Failure> {
+    let files = [Some(&source.volume), source.mask.as_ref()];
+    for file in files.into_iter().flatten() {
+        if imaging::nifti::are_axes_assumed(file, limits).map_err(from_imaging)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 /// Checks that the intensities differ and fit into a window.
 pub(super) fn check_intensities(volume: &Volume) -> Result<(), Failure> {
     let [least, greatest] = volume.intensity_range().map(f64::from);

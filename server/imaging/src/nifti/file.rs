@@ -23,6 +23,8 @@ pub(crate) struct NiftiFile<'a> {
     /// The bytes of the header, or of one of NIfTI that says the same.
     pub(crate) header_bytes: Vec<u8>,
     pub(crate) grid: Grid,
+    /// Whether the header does not state the axes, and FreeSurfer's default is used.
+    pub(crate) are_axes_assumed: bool,
     source: Source<'a>,
     /// Fewer bytes may follow the voxels.
     most_following: u64,
@@ -76,6 +78,7 @@ impl<'a> NiftiFile<'a> {
         }
         let mut header_bytes = buffer[..length].to_vec();
         let is_mgh = length == MGH_HEADER;
+        let are_axes_assumed = is_mgh && mgh::assumes_axes(&header_bytes);
         if is_mgh {
             header_bytes = mgh::as_nifti(&header_bytes)?;
         }
@@ -84,6 +87,9 @@ impl<'a> NiftiFile<'a> {
             header.vox_offset = MGH_HEADER as u64;
         }
         if let Some(form) = form {
+            if are_axes_assumed {
+                return Err(ImagingError::NiftiFormMissing { form: form.name() });
+            }
             header.placement = header.placement.keeping(form)?;
         }
         check_limits(&header, limits)?;
@@ -96,6 +102,7 @@ impl<'a> NiftiFile<'a> {
             header,
             header_bytes,
             grid,
+            are_axes_assumed,
             source,
             taken: length as u64,
         })

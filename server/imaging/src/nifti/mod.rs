@@ -31,6 +31,6 @@ pub use affine::Form;
 pub use mask::read_mask;
 pub use outliers::{SAMPLE, kept_range};
 pub use stored::{Replaced, read_counted, read_grid, read_volume};
-pub use values::{Values, is_in_scanner_space, read_values};
+pub use values::{Values, are_axes_assumed, is_in_scanner_space, read_values};
 pub(crate) use write::{comment_of, write_commented, write_samples};
 pub use write::{keeping_form, write_labels, write_mask, write_numbers, write_volume};

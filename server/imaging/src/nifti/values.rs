@@ -55,6 +55,14 @@ pub fn is_in_scanner_space(start: &[u8], limits: &Limits) -> Result<bool, Imagin
     Ok(file.header.placement.is_in_scanner_space())
 }
 
+/// Whether an MGH file does not state its axes (`goodRASflag` 0), so that FreeSurfer's default is used. The first 64 kB of the file are enough.
+///
+/// # Errors
+/// If the header does not describe a volume, or exceeds a limit.
+pub fn are_axes_assumed(start: &[u8], limits: &Limits) -> Result<bool, ImagingError> {
+    Ok(NiftiFile::open_header(start, limits)?.are_axes_assumed)
+}
+
 fn read<T: Element>(file: &mut NiftiFile) -> Result<Vec<f32>, ImagingError> {
     let order = file.header.order;
     let scaling = file.header.scaling;

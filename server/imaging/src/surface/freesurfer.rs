@@ -29,6 +29,10 @@ const MAX_NAME_BYTES: u64 = 1024;
 /// The longest line of a footer or a title that is looked at.
 const MAX_FOOTER_BYTES: usize = 64 << 10;
 
+/// The tags of a footer: whether coordinates are scanner RAS, and the geometry of the volume.
+const REAL_RAS_TAG: i32 = 2;
+const GEOMETRY_TAG: i32 = 20;
+
 /// The most that the directions of the axes of a volume may deviate from unit length.
 const UNIT: f64 = 1e-2;
 
@@ -75,19 +79,34 @@ pub(super) fn surface(bytes: &[u8]) -> Result<Surface, SurfaceError> {
     checked(Surface {
         positions: places.as_chunks().0.to_vec(),
         triangles: numbers.as_chunks().0.to_vec(),
-        space: StatedSpace::Tkregister(volume_of(rest)?),
+        space: space_of(rest)?,
     })
+}
+
+/// The space that a footer states: first, perhaps, whether coordinates are scanner RAS, and then the geometry of the volume.
+fn space_of(footer: &[u8]) -> Result<StatedSpace, SurfaceError> {
+    let footer = &footer[..footer.len().min(MAX_FOOTER_BYTES)];
+    let stated = footer.strip_prefix(&REAL_RAS_TAG.to_be_bytes());
+    let Some((stated, rest)) = stated.and_then(<[u8]>::split_first_chunk) else {
+        return Ok(StatedSpace::Tkregister(volume_of(footer)?));
+    };
+    match i32::from_be_bytes(*stated) {
+        0 => Ok(StatedSpace::Tkregister(volume_of(rest)?)),
+        1 => Ok(StatedSpace::Scanner(glam::DAffine3::IDENTITY)),
+        other => {
+            let what = format!("a footer with the space {other}, which is neither 0 nor 1");
+            let part = "surface";
+            Err(SurfaceError::Unsupported { part, what })
+        }
+    }
 }
 
 /// The way to scanner RAS that a footer states; `None` if there is none, or one that says of itself that it is not valid.
 fn volume_of(footer: &[u8]) -> Result<Option<glam::DAffine3>, SurfaceError> {
     let broken = || damaged("surface", "its footer is not a volume geometry");
-    let footer = &footer[..footer.len().min(MAX_FOOTER_BYTES)];
-    let newer = [2, 0, 20_i32].map(i32::to_be_bytes);
-    let text = [newer.as_flattened(), &20_i32.to_be_bytes()]
-        .into_iter()
-        .find_map(|head| footer.strip_prefix(head));
-    let Some(text) = text else { return Ok(None) };
+    let Some(text) = footer.strip_prefix(&GEOMETRY_TAG.to_be_bytes()) else {
+        return Ok(None);
+    };
     // Other tags may follow, which are not text.
     let lines = text.split(|&byte| byte == b'\n').take(8);
     let mut found = std::collections::HashMap::new();

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use geometry::Grid;
 use serde::{Deserialize, Serialize};
 
-use super::{Drawing, Drawn, SurfaceError, SurfaceFiles, draw};
+use super::{Drawing, Drawn, SurfaceError, SurfaceFiles, bare, draw};
 use crate::{Limits, nifti};
 
 /// The volumes of a subject, the best one first: conformed and of even brightness, or as it was acquired.
@@ -62,7 +62,7 @@ fn annotation_of(half: &str, name: &str) -> String {
 #[derive(Debug, thiserror::Error)]
 #[error("{file}: {error}")]
 pub struct SubjectError {
-    /// Its path below the folder, which is one of [`subject_files`].
+    /// Its path below the folder, which is one of [`subject_files`]; of what several files draw together, what they have in common.
     pub file: String,
     /// What is wrong.
     pub error: SurfaceError,
@@ -109,13 +109,8 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
     let Some((name, volume)) = first(read, &VOLUMES)? else {
         return Ok(None);
     };
-    let grid = nifti::read_grid(&volume, limits).map_err(|error| SubjectError {
-        file: name.to_owned(),
-        error: SurfaceError::Damaged {
-            part: "volume",
-            what: error.to_string(),
-        },
-    })?;
+    let grid = nifti::read_grid(&volume, limits);
+    let grid = grid.map_err(|error| of_file(name)(damaged("volume", error)))?;
     let mask = first(read, &MASKS)?.map(|(_, mask)| mask);
     let drawer = Drawer {
         t1: &volume,
@@ -133,6 +128,11 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
             if kind == "white" {
                 whites.push((half, surfaces.len()));
             }
+            let files = SurfaceFiles {
+                surface: &surface,
+                values: None,
+            };
+            bare(files, Some(&grid), None, 1).map_err(of_file(&format!("surf/{name}")))?;
             surfaces.push((name, surface));
         }
     }
@@ -150,9 +150,16 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
     let mut on_white = |file: &dyn Fn(&str) -> String| {
         let mut found = Vec::new();
         for &(half, number) in &whites {
-            if let Some(values) = read(&file(half))? {
-                found.push((number, values));
-            }
+            let file = file(half);
+            let Some(values) = read(&file)? else {
+                continue;
+            };
+            let files = SurfaceFiles {
+                surface: &surfaces[number].1,
+                values: Some(&values),
+            };
+            super::read(files, Some(&grid), None, None).map_err(of_file(&file))?;
+            found.push((number, values));
         }
         Ok::<_, SubjectError>(found)
     };
@@ -182,6 +189,7 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
         break;
     }
     if let Some((name, file)) = first(read, &REGIONS)? {
+        check_labels(&file, limits).map_err(of_file(name))?;
         let name = name.trim_start_matches("mri/").trim_end_matches(".mgz");
         layers.push(SubjectLayer {
             file,
@@ -197,6 +205,32 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
         mask,
         layers,
     }))
+}
+
+fn of_file(file: &str) -> impl FnOnce(SurfaceError) -> SubjectError {
+    let file = file.to_owned();
+    |error| SubjectError { file, error }
+}
+
+fn damaged(part: &'static str, what: impl ToString) -> SurfaceError {
+    let what = what.to_string();
+    SurfaceError::Damaged { part, what }
+}
+
+/// Checks that a file has labels of voxels.
+fn check_labels(file: &[u8], limits: &Limits) -> Result<(), SurfaceError> {
+    let values = nifti::read_values(file, limits);
+    let numbers = values.map_err(|error| damaged("labels", error))?.numbers;
+    // Larger numbers are not exact in single precision.
+    let is_label = |number: &f32| number.fract() == 0.0 && (0.0..16_777_216.0).contains(number);
+    if !numbers.iter().all(is_label) {
+        let what = "a voxel has a value that is not the number of a label";
+        return Err(damaged("labels", what));
+    }
+    if numbers.iter().all(|&number| number == 0.0) {
+        return Err(damaged("labels", "no voxel has a label"));
+    }
+    Ok(())
 }
 
 /// The first of some files that is there, and its name.
@@ -243,10 +277,7 @@ impl Drawer<'_> {
             are_labels: Some(are_labels),
         };
         let drawn = draw(files, Some(self.t1), &drawing, self.limits);
-        let (nifti, drawn) = drawn.map_err(|error| {
-            let file = file.to_owned();
-            SubjectError { file, error }
-        })?;
+        let (nifti, drawn) = drawn.map_err(of_file(file))?;
         Ok(SubjectLayer {
             file: nifti,
             name: name.to_owned(),

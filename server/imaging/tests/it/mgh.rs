@@ -1,4 +1,4 @@
-//! MGH files: what they say is read as what a NIfTI file says, and what they do not say is not guessed.
+//! MGH files: what they say is read as what a NIfTI file says, and it is known where they state no axes.
 
 use glam::{DMat3, DVec3};
 use imaging::nifti::{self, Form};
@@ -150,16 +150,35 @@ fn its_sform_can_be_kept_and_it_has_no_qform() {
 }
 
 #[test]
-fn what_is_not_stated_or_contradicts_itself_is_refused() {
+fn axes_that_are_not_stated_are_those_that_freesurfer_assumes() {
+    let limits = Limits::default();
+    let stated = Mgh::default().bytes();
+    assert!(!nifti::are_axes_assumed(&stated, &limits).unwrap());
+    let bytes = Mgh {
+        good_ras: 0,
+        axes: DMat3::ZERO,
+        ..Mgh::default()
+    }
+    .bytes();
+    for bytes in [bytes.clone(), pack(&bytes)] {
+        assert!(nifti::are_axes_assumed(&bytes, &limits).unwrap());
+        assert!(!nifti::is_in_scanner_space(&bytes, &limits).unwrap());
+        let grid = nifti::read_grid(&bytes, &limits).unwrap();
+        let at = |voxel: DVec3| grid.patient_from_voxel().transform_point3(voxel);
+        assert_eq!(at(DVec3::new(1.0, 1.5, 2.0)), DVec3::ZERO);
+        // LPS: to the left, down, and to the front, in steps of 1 mm.
+        let steps = DVec3::AXES.map(|axis| at(axis) - at(DVec3::ZERO));
+        assert_eq!(steps, [DVec3::X, -DVec3::Z, -DVec3::Y]);
+        assert!(matches!(
+            nifti::keeping_form(&bytes, Form::Sform, &limits),
+            Err(ImagingError::NiftiFormMissing { .. })
+        ));
+    }
+}
+
+#[test]
+fn what_contradicts_itself_is_refused() {
     let sound = Mgh::default;
-    assert_eq!(
-        Mgh {
-            good_ras: 0,
-            ..sound()
-        }
-        .refused(),
-        ImagingError::MghOrientationUnknown
-    );
     for code in [2, 5, 6, -1] {
         assert_eq!(
             Mgh { code, ..sound() }.refused(),

@@ -101,6 +101,20 @@ fn tkregister_coordinates_are_placed_by_the_footer_or_the_t1_and_never_guessed()
         let stated = read(files, Some(&t1), Some(Space::Scanner), None).unwrap();
         assert_at(&stated, [0.0; 3]);
     }
+    // The second number of a footer states whether coordinates are already those of the scanner.
+    let with = |stated: u8| {
+        let mut footer = footer(1);
+        footer[7] = stated;
+        let file = freesurfer(&PLACES, &TRIANGLES, &footer);
+        let files = SurfaceFiles {
+            surface: &file,
+            values: Some(&values),
+        };
+        read(files, Some(&t1), None, None)
+    };
+    assert_at(&with(0).unwrap(), [3.5, -17.0, 22.25]);
+    assert_at(&with(1).unwrap(), [0.0; 3]);
+    assert_eq!(with(2).unwrap_err().kind(), "surface-unsupported");
     let broken = String::from_utf8(footer(1)).unwrap();
     for (found, instead) in [
         ("cras   = 3.5", "cras   = nan"),

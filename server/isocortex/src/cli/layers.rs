@@ -132,24 +132,22 @@ fn named(volume: &str) -> (String, PathBuf) {
     (name.to_owned(), path)
 }
 
-/// Adds layers to a case and waits for them.
+/// Adds layers to a case, waits for them, and reports each on standard error, also one that cannot be added.
 ///
 /// # Errors
-/// If one cannot be read or prepared.
+/// If one cannot be read or prepared; all others are added.
 pub(super) async fn add_layers(
     store: &Store,
     case: &CaseId,
     layers: Vec<LayerFile>,
 ) -> Result<(), CliError> {
+    let mut all = Ok(());
     for layer in layers {
         let name = layer.name.clone();
-        let of_layer = |error: CliError| {
-            CliError::new(error.status, format!("layer {name}: {}", error.message))
-        };
-        let ready = add_layer(store, case, layer).await.map_err(of_layer)?;
-        tell(&ready);
+        let added = add_layer(store, case, layer).await;
+        all = all.and(tell_added(&name, added));
     }
-    Ok(())
+    all
 }
 
 /// Adds a layer to a case and waits for it.
@@ -165,26 +163,41 @@ pub(super) async fn add_layer(
     wait(store, added).await
 }
 
-/// Adds the layers of a FreeSurfer subject to its case and waits for them.
+/// The same of the layers of a FreeSurfer subject.
 ///
 /// # Errors
-/// If one cannot be prepared.
+/// As [`add_layers`].
 pub(super) async fn add_subject(
     store: &Store,
     case: &CaseId,
     layers: Vec<(Bytes, SubjectLayer)>,
 ) -> Result<(), CliError> {
+    let mut all = Ok(());
     for (file, layer) in layers {
-        let volume = store.spools().of(file).await?;
-        let upload = upload_of_subject(*case, volume, layer)?;
-        let added = store.submit_layer(upload).await?;
-        let name = added.layer.name.clone();
-        let ready = wait(store, added.layer).await.map_err(|error| {
-            CliError::new(error.status, format!("layer {name}: {}", error.message))
-        })?;
-        tell(&ready);
+        let name = layer.name.clone();
+        let added = async {
+            let volume = store.spools().of(file).await?;
+            let upload = upload_of_subject(*case, volume, layer)?;
+            wait(store, store.submit_layer(upload).await?.layer).await
+        };
+        all = all.and(tell_added(&name, added.await));
     }
-    Ok(())
+    all
+}
+
+/// Reports a layer on standard error, or why it was not added.
+fn tell_added(name: &str, added: Result<Layer, CliError>) -> Result<(), CliError> {
+    match added {
+        Ok(layer) => {
+            tell(&layer);
+            Ok(())
+        }
+        Err(error) => {
+            eprintln!("isocortex: layer {name}: {}", error.message);
+            let message = "the case is prepared, but not all of its layers could be added";
+            Err(CliError::new(error.status, message))
+        }
+    }
 }
 
 async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, CliError> {

@@ -68,12 +68,12 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::block_on(async {
         let library = open_library(&options).await.map_err(StartError::from)?;
         let store = library.store().clone();
-        let id = into_store(library, input, parameters, layers).await?;
+        let (id, added) = into_store(library, input, parameters, layers).await?;
         if let Some(folder) = &args.nifti {
             write_voxels(store, &id, folder).await?;
         }
         println!("{id}");
-        Ok(())
+        added
     })
 }
 
@@ -209,12 +209,13 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
     Ok(())
 }
 
+/// Prepares a case with its layers; whether all of them could be added.
 async fn into_store(
     library: Library,
     input: Read,
     parameters: Parameters,
     layers: Vec<LayerFile>,
-) -> Result<CaseId, CliError> {
+) -> Result<(CaseId, Result<(), CliError>), CliError> {
     let store = library.store().clone();
     let workers = start_workers(library.clone(), 1);
     let submitted = library
@@ -223,14 +224,14 @@ async fn into_store(
     let id = submitted.case.id;
     let prepare = async {
         wait_until_ready(&store, &id).await?;
-        add_subject(&store, &id, input.layers).await?;
-        add_layers(&store, &id, layers).await
+        let of_subject = add_subject(&store, &id, input.layers).await;
+        Ok::<_, CliError>(of_subject.and(add_layers(&store, &id, layers).await))
     };
     let prepared = prepare.await;
     workers.shut_down(GRACE).await;
-    prepared?;
+    let added = prepared?;
     warn_of_doubts(&store, &id).await?;
-    Ok(id)
+    Ok((id, added))
 }
 
 /// Shows the progress of a case until it is ready.

@@ -16,7 +16,7 @@ use crate::codec::{decode_volume, encode_volume};
 use crate::failure::from_imaging;
 use crate::{Limits, attributes, sequence_of};
 
-use self::place::{Space, place, place_of_surface};
+use self::place::{Space, place, place_of_surface, with_assumed_axes};
 use self::voxels::{Seen, Voxels, outside};
 
 pub use self::place::LayerCase;
@@ -83,9 +83,13 @@ pub fn prepare_layer(
         Some(placement) => placement.clone(),
         None => {
             let space = Space::new(case, limits, (dicom.as_ref(), is_in_scanner_space))?;
-            match parameters.surface {
+            let placement = match parameters.surface {
                 Some(_) => place_of_surface(case, &source.volume)?,
                 None => place(case, &voxels.volume, parameters, &space)?,
+            };
+            match nifti::are_axes_assumed(&source.volume, limits).map_err(from_imaging)? {
+                true => with_assumed_axes(placement),
+                false => placement,
             }
         }
     };

@@ -111,6 +111,11 @@ enum PlaceDoubt {
         "the surface lies more than 3 mm from the junction of grey and white matter of this head in the median: it is no surface of its cortex, or its place is wrong"
     )]
     FarFromJunction,
+    #[error(
+        "its MGH file does not state its axes (its goodRASflag is 0), so FreeSurfer's default was used: they point left, down and forwards, and voxels \
+         have 1 mm; check its place, its sides and its size"
+    )]
+    AxesAssumed,
 }
 
 impl PlaceDoubt {
@@ -122,6 +127,7 @@ impl PlaceDoubt {
             Self::CoversTooLittle => "covers-too-little",
             Self::NotAlongCortex => "not-along-cortex",
             Self::FarFromJunction => "far-from-junction",
+            Self::AxesAssumed => case::AXES_ASSUMED,
         }
     }
 }
@@ -143,6 +149,20 @@ fn header(doubt: Option<PlaceDoubt>) -> PlacementFacts {
         overlap: None,
         residual_mm: None,
         fit: None,
+    }
+}
+
+/// The place of a layer whose file does not state its axes, which is in doubt unless somebody chose it.
+pub(super) fn with_assumed_axes(place: PlacementFacts) -> PlacementFacts {
+    if place.origin == MatrixOrigin::ByHand {
+        return place;
+    }
+    let doubt = header(Some(PlaceDoubt::AxesAssumed));
+    PlacementFacts {
+        quality: doubt.quality,
+        reason: doubt.reason,
+        reason_code: doubt.reason_code,
+        ..place
     }
 }
 

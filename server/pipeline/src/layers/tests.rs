@@ -224,6 +224,40 @@ fn maps_and_labels_lie_where_their_header_says_and_doubt_is_told() {
     );
 }
 
+#[test]
+fn a_file_that_states_no_axes_is_doubted() {
+    let case = prepared();
+    // MGH with `goodRASflag` 0: a ball of 20 mm.
+    const SIDE: i32 = 60;
+    let mut file: Vec<u8> = [1, SIDE, SIDE, SIDE, 1, 0, 0]
+        .into_iter()
+        .flat_map(i32::to_be_bytes)
+        .collect();
+    file.resize(284, 0);
+    let is_within = |index: i32| {
+        let voxel = [index, index / SIDE, index / SIDE / SIDE].map(|along| along % SIDE - SIDE / 2);
+        voxel.map(|along| along * along).iter().sum::<i32>() < 400
+    };
+    file.extend((0..SIDE.pow(3)).map(|index| u8::from(is_within(index))));
+    let source = LayerSource {
+        volume: file.clone().into(),
+        dicom: None,
+    };
+    for kind in [LayerKind::Map, LayerKind::Labels] {
+        let placed = prepare(&case, &source, &of_kind(kind), None).unwrap();
+        let placement = placed.facts.placement;
+        assert_eq!(placement.quality, QualityState::Review);
+        assert_eq!(placement.reason_code.as_deref(), Some("axes-assumed"));
+    }
+    // So is a case whose mask is such a file.
+    let mut of_case = upload(&case.0);
+    let are_assumed =
+        |source: &crate::Source| crate::source::are_axes_assumed(source, &Limits::default());
+    assert!(!are_assumed(&of_case).unwrap());
+    of_case.mask = Some(file.into());
+    assert!(are_assumed(&of_case).unwrap());
+}
+
 fn gunzipped(bytes: &[u8]) -> Vec<u8> {
     let mut plain = Vec::new();
     std::io::Read::read_to_end(&mut flate2::read::GzDecoder::new(bytes), &mut plain).unwrap();

@@ -5,7 +5,7 @@ mod finding;
 mod front;
 
 use case::findings::Finding;
-use case::{AXES_CORRECTED, Gyrus, QualityState};
+use case::{Gyrus, QualityState};
 
 use crate::pictures::Shot;
 use crate::words::Words;
@@ -227,13 +227,14 @@ impl Report {
 
     fn has_sides_in_doubt(&self) -> bool {
         let quality = self.facts.quality.as_ref();
-        quality.is_some_and(|quality| quality.has_reason(AXES_CORRECTED))
+        quality.is_some_and(|quality| quality.doubts_about_sides() > 0)
     }
 
     /// The verdict on the mask, for which doubts about the sides do not count.
     fn state_of_mask(&self) -> Option<QualityState> {
         let quality = self.facts.quality.as_ref()?;
-        let is_about_sides_alone = self.has_sides_in_doubt() && quality.reasons.len() == 1;
+        let about_sides = quality.doubts_about_sides();
+        let is_about_sides_alone = about_sides > 0 && quality.reasons.len() == about_sides;
         Some(match quality.state {
             QualityState::Review if is_about_sides_alone => QualityState::Ok,
             state => state,
@@ -369,11 +370,17 @@ mod tests {
     #[test]
     fn sides_in_doubt_are_named_before_the_mask_on_every_page() {
         let sides = ("axes-corrected", "another case has other axes");
+        let assumed = ("axes-assumed", "a file does not state its axes");
         let ragged = ("mask-ragged", "the mask is ragged");
         for (language, reasons, doubt) in [
             (
                 Language::English,
                 vec![sides],
+                "Left and right are in doubt",
+            ),
+            (
+                Language::English,
+                vec![assumed, sides],
                 "Left and right are in doubt",
             ),
             (
