@@ -433,6 +433,14 @@ class Case(Surface):
         write_subject(self, path, depths_mm, values, {"contours": contours, "points": points}, paths)
         return path
 
+    def layers(self) -> list[dict[str, Any]]:
+        """What the server states about the layers: those that were added or came with a FreeSurfer folder, and maps.
+
+        Their `name`s are what :meth:`map` takes; `labels` has the names of the numbers of a label layer.
+        """
+        layers: list[dict[str, Any]] = self._connection.get(f"{self._path}/layers").json()["layers"]
+        return layers
+
     def add_layer(self, volume: Image, name: str, *, progress: bool = True, **parameters: Any) -> dict[str, Any]:
         """Adds another volume of the same head, which pictures, maps and profiles then know by its name.
 

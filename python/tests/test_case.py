@@ -53,6 +53,7 @@ def test_a_layer_is_shown_and_measured(case, folder):
     head = nib.load(folder / "head.nii.gz")
     doubled = nib.Nifti1Image(2 * np.asarray(head.dataobj), head.affine)
     layer = case.add_layer(doubled, "twice/?", kind="map", unit="a")
+    assert "twice/?" in [one["name"] for one in case.layers()]
     assert layer["state"] == "ready" and layer["unit"] == "a"
     point = case.profile((30.0, 10.0, 20.0)).query("point == 'own' and distance_mm == 0")
     assert point["twice/?"].item() == pytest.approx(2 * point["intensity"].item(), abs=0.1)
