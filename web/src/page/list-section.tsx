@@ -263,7 +263,7 @@ function Details({ store, row, name }: OfRow & { readonly name: string }) {
   const facts = [
     place && t("candidates.facts", { score: number(place.score, 1), size: number(place.size_mm, 1) }),
     positionWords(place?.position_in_patient ?? middleOf(finding as Finding)),
-    ...standardWords(place?.standard ?? finding?.standard),
+    ...standardWords((finding ?? place)?.standard),
     finding?.author && t("findings.by", { reader: finding.author }),
   ];
   return (
