@@ -115,7 +115,7 @@ mod tests {
         let corner = DVec3::new(-100.0, 7.0, 3.0);
         let grid = Grid::new([40, 12, 12], DAffine3::from_translation(corner)).unwrap();
         let values: Vec<f32> = (0..grid.voxel_count())
-            .map(|index| (20.75 - grid.voxel(index)[0] as f32).clamp(0.0, 1.0))
+            .map(|index| (20.75 - grid.voxel(index)[0] as f32).clamp(-1.0, 2.0))
             .collect();
         let block = Block {
             first: [0; 3],
