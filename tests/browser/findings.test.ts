@@ -310,7 +310,7 @@ test(
   { skip },
   async () => {
     const [own, other] = await Promise.all([openPage(browser), openPage(browser)]);
-    await own.page.route("**/v1/session", (route) => route.fulfill({ json: { name: "ana", scopes: ["read"] } }));
+    await own.page.route("**/v1/session", (route) => route.fulfill({ json: { name: "token", scopes: ["read"] } }));
     for (const { page } of [own, other]) await open(page);
     await own.page.getByText("Your access permits looking, not writing.").waitFor();
     assert.ok(await own.page.getByRole("button", { name: "Mark the cross as a finding" }).isDisabled());

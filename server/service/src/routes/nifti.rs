@@ -44,6 +44,7 @@ impl Asked for NiftiQuery {
     responses(
         (status = 200, description = "The file (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
         (status = 206, description = "The requested range"),
+        (status = 406, description = "`application/gzip` is not accepted"),
         (status = 409, description = "The case or its maps are not ready, or the maps are undefined"),
         (status = 416, description = "The range begins beyond the end"),
         (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),

@@ -13,7 +13,8 @@ const NOBODY: &str = "/v1/cases/00000000000000000000000000000000";
 
 /// The address of a case that is not there.
 fn of_nobody(path: &str) -> String {
-    path.replace("/v1/cases/{id}", NOBODY)
+    path.replace("{id}/nifti", "{id}/nifti?values=brain")
+        .replace("/v1/cases/{id}", NOBODY)
         .replace("{plane}", "axial")
         .replace("{layer}", "blur")
         .replace("/profile", "/profile?position=0,0,0")
