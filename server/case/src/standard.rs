@@ -194,15 +194,13 @@ mod tests {
         };
         assert_eq!(AcPc::of(&[], &upright), None);
         assert_eq!(AcPc::of(&[dismissed, unconfirmed], &upright), None);
-        assert!(AcPc::of(&[commissures.clone()], &upright).is_some());
-        assert_eq!(
-            AcPc::of(&[commissures.clone()], &plane([0.0, 1.0, 0.0])),
-            None
-        );
+        let set = [commissures];
+        assert!(AcPc::of(&set, &upright).is_some());
+        assert_eq!(AcPc::of(&set, &plane([0.0, 1.0, 0.0])), None);
         let doubtful = PlaneFacts {
             doubtful: true,
             ..upright
         };
-        assert_eq!(AcPc::of(&[commissures], &doubtful), None);
+        assert_eq!(AcPc::of(&set, &doubtful), None);
     }
 }
