@@ -66,13 +66,13 @@ def test_labels_have_the_values_of_their_file(case, folder):
     labels = np.zeros(head.shape, np.int32)
     labels[: head.shape[0] // 2], labels[head.shape[0] // 2 :] = 7, 1035
     case.add_layer(nib.Nifti1Image(labels, head.affine, dtype=np.int32), "depth_mm", kind="labels")
-    case.add_layer(nib.Nifti1Image(labels, head.affine, dtype=np.int32), "sides", kind="labels", transform="none")
+    case.add_layer(nib.Nifti1Image(labels, head.affine, dtype=np.int32), "halves", kind="labels", transform="none")
     for x, value in ((-30.0, 7), (30.0, 1035)):
         point = case.profile((x, 10.0, 20.0)).query("point == 'own' and distance_mm == 0")
-        assert point["sides"].item() == value
+        assert point["halves"].item() == value
         # A layer of the same name does not hide a column.
         assert 5 < point["depth_mm"].item() < 50 and point["depth_mm"].item() != value
-    assert set(np.unique(case.map("sides").get_fdata())) == {7, 1035}
+    assert set(np.unique(case.map("halves").get_fdata())) == {7, 1035}
 
 
 def test_a_nibabel_image_of_any_format_is_a_head(case, folder):

@@ -520,7 +520,7 @@ async fn a_head_of_coarse_voxels_has_no_limit_of_thickness_and_says_so_everywher
     let rows = text.split_terminator("\r\n").skip(1);
     assert!(
         rows.clone()
-            .all(|row| row.ends_with(",,,thickness-coarse-voxels")),
+            .all(|row| row.ends_with(",,,thickness-coarse-voxels,,,")),
         "{text}"
     );
     assert_eq!(rows.count(), places.len());

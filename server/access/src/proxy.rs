@@ -14,14 +14,11 @@ use serde::Deserialize;
 use crate::error::AccessError;
 use crate::origins::Origins;
 use crate::scopes::{Role, Scope};
-use crate::tokens::{Holder, name_by};
-
-/// What the names of those begin with whom a proxy has signed in, so that none is the name of a token.
-pub const PREFIX: &str = "proxy:";
+use crate::tokens::{Holder, PROXY_PREFIX, name_by};
 
 /// The name of somebody as people know it.
 pub fn plain_name(name: &str) -> &str {
-    name.strip_prefix(PREFIX).unwrap_or(name)
+    name.strip_prefix(PROXY_PREFIX).unwrap_or(name)
 }
 
 /// The time after which an endless answer ends, so that the proxy is asked again who it is for.
@@ -171,7 +168,7 @@ impl SignInProxy {
         };
         let scopes = scopes_of(&options.roles, &words);
         Ok(Some(Holder {
-            name: name_by(PREFIX, user),
+            name: name_by(PROXY_PREFIX, user),
             scopes,
         }))
     }
@@ -326,7 +323,7 @@ mod tests {
         for name in ["Ana Silva", "Ána", &"a".repeat(129)] {
             let found = user(name).unwrap().unwrap().name;
             assert!(
-                found.starts_with(PREFIX) && found.len() == PREFIX.len() + 32,
+                found.starts_with(PROXY_PREFIX) && found.len() == PROXY_PREFIX.len() + 32,
                 "{found}"
             );
         }

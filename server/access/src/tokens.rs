@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use crate::proxy::PREFIX;
 use crate::scopes::Scope;
 
 /// A token that is known by its digest. The token itself is nowhere but with its holder: it is random and long, so its
@@ -32,6 +31,9 @@ pub const UNNAMED: &str = "token";
 
 /// The name of everybody on this machine, if no token is required.
 pub const ANYBODY: &str = "anybody";
+
+/// What the names of those begin with whom a proxy has signed in, so that none is the name of a token.
+pub const PROXY_PREFIX: &str = "proxy:";
 
 /// The greatest length of a name of somebody else's that is shown as it is.
 const LONGEST_NAME: usize = 128;
@@ -64,7 +66,7 @@ impl Holder {
 
     /// Whether people can read the name: a proxy may have stated one of which only the digest is known here.
     pub fn is_readable(&self) -> bool {
-        let stated = self.name.strip_prefix(PREFIX);
+        let stated = self.name.strip_prefix(PROXY_PREFIX);
         !stated.is_some_and(|stated| is_digest(stated.as_bytes()))
     }
 

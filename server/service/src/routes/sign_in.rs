@@ -8,8 +8,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use access::auth::Access;
-use access::proxy::PREFIX;
 use access::tokens::Holder;
+use access::tokens::PROXY_PREFIX;
 use http::fresh::fresh_json;
 use http::listen::ByProxy;
 use http::query::{ApiQuery, NoQuery};
@@ -34,7 +34,9 @@ pub async fn get_session(
     Extension(holder): Extension<Holder>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Response {
-    let proxy = access.proxy().filter(|_| holder.name.starts_with(PREFIX));
+    let proxy = access
+        .proxy()
+        .filter(|_| holder.name.starts_with(PROXY_PREFIX));
     let session = Session {
         name: holder.name.as_ref().to_owned(),
         scopes: holder.scopes.iter().map(|scope| scope.name()).collect(),
