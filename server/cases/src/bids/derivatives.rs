@@ -343,8 +343,8 @@ mod tests {
         };
         out.clear(&name).unwrap();
         let is_there = |file: &&str| root.join(file).exists();
-        assert!(!own.iter().any(|file| is_there(file)));
-        assert!(other.iter().all(|file| is_there(file)));
+        assert!(!own.iter().any(is_there));
+        assert!(other.iter().all(is_there));
         let readme = std::fs::read_to_string(root.join("README.md")).unwrap();
         assert_eq!(readme, "mine");
     }
