@@ -213,21 +213,17 @@ pub async fn get_reading(
     ApiQuery { asked, .. }: ApiQuery<ReadingQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
+    let kind = media_type(&request, &[JSON, CSV])?;
     let reader = path.iter().find(|(name, _)| *name == "reader");
     let (_, reader) = reader.ok_or(Error::NoSuchReading)?;
     let asker = named(&holder).ok();
     let reading = cases.reading(&id, asker, reader, asked.version).await?;
-    shown(reading, &request)
-}
-
-/// A reading as JSON or as CSV.
-fn shown(reading: KeptReading, request: &HeaderMap) -> Result<Response, AppError> {
-    if media_type(request, &[JSON, CSV])? == JSON {
-        return as_json(reading)?.respond(request);
+    if kind == JSON {
+        return as_json(reading)?.respond(&request);
     }
     let body = Bytes::from(csv(&reading));
     let tag = EntityTag::of_bytes(&body, Coding::Identity);
-    represented(tag, CSV, body).respond(request)
+    represented(tag, CSV, body).respond(&request)
 }
 
 /// A row with the conclusion and the template.
