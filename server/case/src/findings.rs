@@ -39,7 +39,7 @@ pub enum FindingKind {
     /// Two points: where something enters the head, and where it ends.
     Trajectory,
     /// Two points: the anterior commissure, then the posterior one. They are no finding about the patient, but the axes in which others are
-    /// stated; see [`AcPc`](crate::AcPc).
+    /// stated.
     Acpc,
 }
 
@@ -180,6 +180,11 @@ impl Finding {
         !self.is_dismissed && self.kind != FindingKind::Acpc
     }
 
+    /// Whether it states where the commissures are.
+    pub fn states_axes(&self) -> bool {
+        self.kind == FindingKind::Acpc && !self.is_dismissed && !self.is_unconfirmed
+    }
+
     /// Whether it is given to other programs as something found: it has a number, and its place is confirmed.
     pub fn is_kept(&self) -> bool {
         self.is_numbered() && !self.is_unconfirmed
@@ -294,7 +299,7 @@ pub fn check(
                 "is the id of another finding",
             );
         }
-        if finding.kind == FindingKind::Acpc && !finding.is_dismissed && !finding.is_unconfirmed {
+        if finding.states_axes() {
             if has_commissures {
                 let path = format!("findings[{index}].kind");
                 return refused(

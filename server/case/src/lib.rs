@@ -50,7 +50,7 @@ pub use quality::{
 };
 pub use registration::{CaseRegistration, RegistrationVerdict};
 pub use side::PatientSide;
-pub use standard::{ATLAS_ERROR_MM, AcPc, AtlasPosition, StandardPosition};
+pub use standard::{ATLAS_ERROR_MM, AtlasPosition, StandardPosition};
 pub use surface::SurfaceName;
 pub use voxels::VoxelValues;
 

@@ -4,11 +4,12 @@ use std::collections::{HashMap, HashSet};
 
 use bytes::Bytes;
 use case::findings::{Finding, FindingRefused, check};
-use case::{AcPc, CaseFacts, CaseId, MapName};
+use case::{CaseFacts, CaseId, MapName};
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 use imaging::dicom::{Mark, MarkedPatient};
 use jiff::Timestamp;
+use pipeline::ac_pc::AcPc;
 use pipeline::findings::voxels_of;
 use pipeline::maps::side_at;
 use storage::tables::made;
@@ -352,9 +353,7 @@ fn paint(labels: &mut [u16], grid: &Grid, number: u16, finding: &Finding) {
         return;
     };
     // A block of the grid has the same voxels, shifted.
-    let grid_from_block = grid.voxel_from_patient() * mask.grid().patient_from_voxel();
-    let first = grid_from_block.translation.round().to_array();
-    let first = first.map(|index| index as usize);
+    let first = grid.first_of(mask.grid()).map(|index| index as usize);
     for (index, _) in mask.voxels().iter().enumerate().filter(|(_, is)| **is) {
         let voxel = mask.grid().voxel(index);
         labels[grid.index([0, 1, 2].map(|axis| first[axis] + voxel[axis]))] = number;

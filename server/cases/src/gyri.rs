@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use case::findings::Finding;
-use case::{AcPc, BrainRegion, CandidateFacts, CaseId, Gyrus, Lobe, StandardPosition};
+use case::{BrainRegion, CandidateFacts, CaseId, Gyrus, Lobe, StandardPosition};
 use glam::DVec3;
+use pipeline::ac_pc::AcPc;
 use pipeline::atlas::Gyri;
 
 use crate::application::Cases;
@@ -64,7 +65,7 @@ impl PlaceNames<'_> {
         let position = DVec3::from_array(position_in_patient);
         let standard = StandardPosition {
             atlas: self.gyri.map(|gyri| gyri.position(position)),
-            ac_pc: self.ac_pc.map(|axes| axes.at(position_in_patient)),
+            ac_pc: self.ac_pc.map(|axes| axes.at(position)),
         };
         (standard != StandardPosition::default()).then_some(standard)
     }

@@ -141,9 +141,7 @@ fn labelled(grid: &Grid, numbers: &[u16], labels: Vec<(u16, String)>) -> Result<
 
 /// Values of a block of a grid on the whole grid; the default beyond the block.
 fn on_whole<T: Copy + Default>(grid: &Grid, block: &Grid, values: &[T]) -> Vec<T> {
-    let grid_from_block = grid.voxel_from_patient() * block.patient_from_voxel();
-    let first = grid_from_block.translation.round().to_array();
-    let whole = (first.map(|along| -(along as i64)), grid.size());
+    let whole = (grid.first_of(block).map(|along| -along), grid.size());
     block_of(values, block.size(), whole)
 }
 

@@ -10,10 +10,11 @@ use ::report::{
 };
 use bytes::Bytes;
 use case::findings::Finding;
-use case::{AcPc, CandidateFacts, CaseId, Layer, LayerKind, MapName, QualityState};
+use case::{CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
 use imaging::dicom::Attributes;
 use pipeline::Undefined;
+use pipeline::ac_pc::AcPc;
 
 use crate::gyri::PlaceNames;
 use crate::library::{LoadedMaps, MapsState};
@@ -151,10 +152,7 @@ impl Cases {
                 Err(reason) => Err(reason_of(reason)),
             },
             flair: flair.map(|flair| match flair {
-                Ok(maps) => {
-                    let places = names.of_places(&maps.candidates);
-                    Ok(listed(&maps, MapName::Flair, places))
-                }
+                Ok(maps) => Ok(listed(&maps, MapName::Flair, &names)),
                 Err(reason) => Err(reason_of(&reason)),
             }),
             layer,
@@ -205,18 +203,18 @@ impl Cases {
 
 fn maps_of(maps: &LoadedMaps, names: &PlaceNames<'_>) -> ReportMaps {
     ReportMaps {
-        blur: listed(maps, MapName::Blur, names.of_places(&maps.candidates)),
+        blur: listed(maps, MapName::Blur, names),
         elsewhere: names.of_places(&maps.elsewhere),
-        thickness: listed(maps, MapName::Thickness, names.of_places(&maps.thick[0])),
+        thickness: listed(maps, MapName::Thickness, names),
         regions: maps.regions.clone(),
     }
 }
 
 /// The places of a map, with what is known about its scores.
-fn listed(maps: &LoadedMaps, map: MapName, places: Vec<CandidateFacts>) -> ListedMap {
+fn listed(maps: &LoadedMaps, map: MapName, names: &PlaceNames<'_>) -> ListedMap {
     let judgement = maps.judgement(map);
     ListedMap {
-        places,
+        places: names.of_places(maps.places(map)),
         has_limits: judgement.limits.is_some(),
         caveat: judgement.caveat.map(|caveat| Reason {
             code: caveat.code().to_owned(),

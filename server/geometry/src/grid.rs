@@ -179,6 +179,13 @@ impl Grid {
         )
     }
 
+    /// The voxel of this grid that is the first one of a block of it; see [`Grid::block`].
+    pub fn first_of(&self, block: &Self) -> [i64; 3] {
+        let own_from_block = self.voxel_from_patient * block.patient_from_voxel;
+        let first = own_from_block.translation.round();
+        first.to_array().map(|along| along as i64)
+    }
+
     /// The same voxel centres in the order of the patient axes L, P, S, if the axes of the grid lie along them.
     ///
     /// Voxels need not be isotropic. An oblique grid has no such order.

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+pub mod ac_pc;
 mod affine;
 pub mod atlas;
 mod brain;

@@ -145,10 +145,8 @@ impl Division {
 
     /// The marks on a block of the working grid; nothing beyond the working grid.
     fn marks_on(&self, grid: &Grid) -> Vec<u8> {
-        let own_from_block = self.grid.voxel_from_patient() * grid.patient_from_voxel();
-        let first = own_from_block.translation.round();
-        let first = first.to_array().map(|along| along as i64);
-        block_of(&self.marks, self.grid.size(), (first, grid.size()))
+        let block = (self.grid.first_of(grid), grid.size());
+        block_of(&self.marks, self.grid.size(), block)
     }
 
     /// The border voxels of a part at which its border runs through tissue, ascending: at the sheet between the hemispheres through

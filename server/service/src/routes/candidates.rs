@@ -11,9 +11,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::routes::asked::{CasePath, Question};
-use case::{
-    AcPc, CandidateFacts, Gyrus, MapName, RegionFacts, StandardPosition, SurfaceName, Unusual,
-};
+use case::{CandidateFacts, Gyrus, MapName, RegionFacts, StandardPosition, SurfaceName, Unusual};
 use cases::gyri::PlaceNames;
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{MAPS_OFF, Numbers, check_count, ready, surface_version};
@@ -23,6 +21,7 @@ use http::conditional::Format;
 use http::negotiate::media_type;
 use http::problem::AppError;
 use http::query::{ApiQuery, Asked};
+use pipeline::ac_pc::AcPc;
 use pipeline::maps::{Judgement, MAP_FORMAT, ScoreCaveat};
 
 const JSON: &str = "application/json";
