@@ -1,4 +1,4 @@
-//! What is derived from one head whose case is ready.
+//! Writes the derivatives of one head. Its case must be ready.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,7 +9,8 @@ use ::report::{ReportFormat, ReportQuery};
 use case::{CaseId, MapName, PlacementFacts, PlacementVerdict, QualityState};
 use case::{SurfaceName, VoxelValues};
 use geometry::{DeformableModel, MeshSize, ShrunkMesh};
-use glam::{DAffine3, DMat3, DVec3};
+use glam::DAffine3;
+use imaging::nifti::lps_from_ras;
 use pipeline::Undefined;
 use render::NamedView;
 use serde_json::{Value, json};
@@ -284,8 +285,7 @@ impl Writer<'_> {
         let lps = lps.map_or(DAffine3::IDENTITY, |facts| {
             pipeline::affine_of(&facts.case_from_layer)
         });
-        let flip = DAffine3::from_mat3(DMat3::from_diagonal(DVec3::new(-1.0, -1.0, 1.0)));
-        let matrix = flip * lps * flip;
+        let matrix = lps_from_ras() * lps * lps_from_ras();
         let row = |axis: usize| {
             let row = matrix.matrix3.row(axis);
             // Adding 0 turns −0 into 0.

@@ -265,7 +265,7 @@ fn shear(axes: DMat3) -> f64 {
 }
 
 /// Flips between RAS and LPS; its own inverse.
-fn lps_from_ras() -> DAffine3 {
+pub fn lps_from_ras() -> DAffine3 {
     DAffine3::from_scale(DVec3::new(-1.0, -1.0, 1.0))
 }
 

@@ -27,7 +27,7 @@ mod write;
 pub(crate) use source::GZIP_MAGIC;
 pub(crate) use start::{LONGEST_HEADER, looks_like_header};
 
-pub use affine::Form;
+pub use affine::{Form, lps_from_ras};
 pub use mask::read_mask;
 pub use outliers::{SAMPLE, kept_range};
 pub use stored::{Replaced, read_counted, read_grid, read_volume};

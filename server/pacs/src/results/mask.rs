@@ -88,8 +88,7 @@ pub(super) fn segmentation(
 
 /// The grid of the source, in which a segmentation is.
 pub(super) fn native_grid(facts: &CaseFacts) -> Result<Grid, WriteError> {
-    let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
-    Grid::new(facts.native_size, affine).map_err(|_| WriteError::Size)
+    cases::nifti::native_grid(facts).map_err(|_| WriteError::Size)
 }
 
 /// The image of each slice; `None` for an interpolated one.
