@@ -443,7 +443,8 @@ fn unreadable(entry: &Entry) -> Option<String> {
     }
 }
 
-/// The FLAIR beside a T1-weighted volume: that whose name has most in common with it, the first of equals.
+/// The FLAIR in the folder of a T1-weighted volume. Of several, the one with the most similar name counts, and of equally similar ones the
+/// first.
 fn flair_beside(prefix: &str, flairs: &[&Entry], notes: &mut Vec<String>) -> Option<PathBuf> {
     let in_common = |entry: &&&Entry| {
         let name = lossy(entry);
