@@ -44,7 +44,7 @@ test("every document forbids what is not its own, and no script or style is inli
   assert.doesNotMatch(html, /<style|style=|\son\w+=|<script(?![^>]*src=)|https?:\/\//);
 });
 
-test("the page is fetched at once, in one language, and without the one for two cases", { skip }, async () => {
+test("the page is fetched at once, and in one language", { skip }, async () => {
   const { page, context } = await openPage(browser);
   const asked: string[] = [];
   page.on("request", (request) => asked.push(new URL(request.url()).pathname));
@@ -52,7 +52,7 @@ test("the page is fetched at once, in one language, and without the one for two 
   await page.goto(new URL("/#nothing", server.address).href);
   await page.waitForSelector("body[data-loaded=true]");
   const isAsked = (name: string): boolean => scripts().some((path) => path.startsWith(`/${name}-`));
-  assert.deepEqual(["index", "words.en", "words.pt-BR", "compare"].filter(isAsked), ["index", "words.en"]);
+  assert.deepEqual(["main", "words.en", "words.pt-BR"].filter(isAsked), ["main", "words.en"]);
   const { length } = scripts();
   await page.locator(".bar .icon-button").last().click();
   await page.waitForSelector("dialog.help");
