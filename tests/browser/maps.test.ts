@@ -255,6 +255,7 @@ test(
     await shown(page);
     await seen(page, "blur");
     await page.getByRole("button", { name: "List places to look at" }).click();
+    await page.waitForSelector(":is(.rows .row-button, .fold):focus");
     await page.locator(".fold").click();
     await page.waitForSelector(".rows li");
     const { candidates } = (await (
@@ -396,6 +397,11 @@ test(
     const ask = page.getByRole("button", { name: "List places to look at" });
     assert.ok(await ask.isDisabled());
     assert.equal(await ask.getAttribute("aria-describedby"), "maps-status");
+    // Neither does a key light up what is not there.
+    await page.focus("#surface");
+    await page.keyboard.press("y");
+    await page.locator(".note", { hasText: words ?? "" }).waitFor();
+    assert.equal((await fragment(page)).b, "blur", "as the address asked");
     // In another language the page has words for the reason by its code.
     told = { ...told, reason_code: "coarse-voxels" };
     await speak(page, "pt-BR");

@@ -225,6 +225,13 @@ test("the keyboard alone measures: Enter sets a point at the cross", { skip, tim
   await page.waitForSelector(".slice.sagittal[data-position='10']");
   await page.keyboard.press("Enter");
   assert.equal(await last(page), "Length 10.0 mm");
+  // Of the commissures each is asked for by its name.
+  await (await openMenu(page, "ruler")).getByRole("button", { name: "AC–PC" }).click();
+  const hint = page.getByRole("status");
+  await hint.getByText("set the anterior commissure").waitFor();
+  await page.focus(".slice.sagittal");
+  await page.keyboard.press("Enter");
+  await hint.getByText("set the posterior commissure").waitFor();
   assert.deepEqual(troubles, []);
   await context.close();
 });

@@ -139,6 +139,10 @@ test(
 
     // The pane of the page and that of the file are made equally large.
     const opened = await openFile(file, "", { viewport: { width: 1000, height: 800 } });
+    await until(
+      () => fragment(opened.page),
+      ({ x }) => x !== undefined,
+    );
     for (const one of [page, opened.page]) {
       await one.locator(".first-time button").click();
       await one.waitForSelector(".first-time", { state: "detached" });

@@ -218,7 +218,7 @@ test(
     const requests: string[] = [];
     page.on("request", (request) => requests.push(request.url()));
     await page.focus("#surface");
-    await page.keyboard.press("f");
+    await page.keyboard.press("Shift+F");
     for (let press = 0; press < 10; press += 1) {
       await page.keyboard.press("]");
       await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));

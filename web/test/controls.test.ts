@@ -173,7 +173,7 @@ test("keys are commands as the help says", () => {
   const names = ["A", "P", "L", "R", "S", "I"].map((letter) => (view(letter) as { name: string }).name);
   assert.deepEqual(names, ["anterior", "posterior", "left", "right", "superior", "inferior"]);
   assert.deepEqual(
-    ["i", "r", "h", "f", " ", "Enter"].map((name) => commandOf(key(name))?.kind),
+    ["i", "r", "h", "F", " ", "Enter"].map((name) => commandOf(key(name, { shiftKey: name === "F" }))?.kind),
     ["invert", "reset", "help", "timer", "play", "mark"],
   );
   assert.deepEqual(commandOf(key("3")), { kind: "window", preset: "brain" });
@@ -195,7 +195,7 @@ test("every key is in the help once, and buttons know theirs", () => {
   );
   assert.equal(
     keyOf((one) => one.kind === "map" && one.name === "flair"),
-    "F",
+    "f",
   );
   assert.equal(
     keyOf(({ kind }) => kind === "recall"),

@@ -68,7 +68,7 @@ test("what of an address is no map is named, and nothing of it is drawn", () => 
 test("each map has a key, which shows it and hides it again, as a step of its own", () => {
   const key = (letter: string) =>
     commandOf({ key: letter, code: "", shiftKey: letter === "F", altKey: false, ctrlKey: false, metaKey: false });
-  const names = ["u", "y", "F", "a", "t", "s", "j"].map((letter) => {
+  const names = ["u", "y", "f", "a", "t", "s", "j"].map((letter) => {
     const command = key(letter);
     assert.ok(command?.kind === "map", letter);
     const shown = changeOf(command, FIRST, SHOWN, [100, 100]);

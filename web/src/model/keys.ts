@@ -84,7 +84,7 @@ export const BINDINGS = [
   plain("maps", {
     u: map("blur"),
     y: map("thickness"),
-    F: map("flair"),
+    f: map("flair"),
     a: map("asymmetry"),
     t: map("intensity-asymmetry"),
     s: map("sharpness"),
@@ -134,7 +134,7 @@ export const BINDINGS = [
   plain("rest", {
     i: { kind: "invert" },
     r: { kind: "reset" },
-    f: { kind: "timer" },
+    F: { kind: "timer" },
     h: { kind: "help" },
     "?": { kind: "help" },
   }),

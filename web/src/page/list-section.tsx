@@ -111,6 +111,7 @@ export function ListSection({ store }: OfStore) {
           onLeave={(typed) => {
             const reader = plainLine(typed, LONGEST_LABEL);
             choose({ reader });
+            store.findings.signOwn();
             return reader;
           }}
         />
@@ -129,18 +130,17 @@ function AboutPlaces({ store, list }: OfStore & { readonly list: PlacesOfMap }) 
   const words = LIST_WORDS[list.map];
   const found = list.list.value;
   if (!found) {
-    const isUndefined = map?.state === "undefined";
-    const reason = isFlair && isUndefined ? reasonIn(map.reason ?? "", map.reason_code) : "";
+    const isOff = map?.state === "undefined" || map?.state === "off";
     return (
       <>
         <Button
           aria-describedby="maps-status"
-          disabled={list.isAsking.value || isUndefined || map?.state === "off"}
-          onClick={() => void store.places.ask(list)}
+          disabled={list.isAsking.value || isOff}
+          onClick={() => void store.places.ask(list).then(() => requestAnimationFrame(enterList))}
         >
           {t(words.ask)}
         </Button>
-        <Status words={reason && t("flair.undefined", { reason })} />
+        <Status words={isFlair ? store.caseLayers.whyNone("flair") : ""} />
       </>
     );
   }
@@ -161,6 +161,12 @@ function AboutPlaces({ store, list }: OfStore & { readonly list: PlacesOfMap }) 
       )}
     </>
   );
+}
+
+/** The button that asked for the list is gone: the focus goes to the first row, unless it is elsewhere by now. */
+function enterList(): void {
+  if (document.activeElement !== document.body) return;
+  document.querySelector<HTMLElement>(".rows .row-button[tabindex='0'], .fold")?.focus({ preventScroll: true });
 }
 
 /** Shows the places of a map that do not stand out, or folds them again. */

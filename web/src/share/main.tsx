@@ -4,14 +4,14 @@ import { effect } from "@preact/signals";
 import { render } from "preact";
 import { useLayoutEffect } from "preact/hooks";
 
-import { carryBy, getCase } from "../base/api.ts";
+import { ask, carryBy, getCase } from "../base/api.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h } from "../base/dom.ts";
 import { gyrusWords, isLanguage, learn, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
 import type { Command } from "../model/controls.ts";
-import { middleOf, numbered } from "../model/findings.ts";
+import { type Finding, middleOf, numbered } from "../model/findings.ts";
 import { readAddress } from "../model/fragment.ts";
 import { commandOf } from "../model/keys.ts";
 import { ViewMemory } from "../model/memory.ts";
@@ -190,12 +190,19 @@ function keptToFile(state: ViewState, shown: ReadyCase): ViewState {
   return state.layer ? { ...kept, window } : kept;
 }
 
-function show(shown: ReadyCase, about: About, place: HTMLElement): void {
+/** The first finding, which the file begins with if its address asks for nothing. */
+async function firstFinding(id: string): Promise<string> {
+  const { findings } = await ask<{ readonly findings: readonly Finding[] }>(`v1/cases/${id}/findings`);
+  return numbered(findings)[0]?.id ?? "";
+}
+
+async function show(shown: ReadyCase, about: About, place: HTMLElement): Promise<void> {
   const left = new ViewMemory().of(shown);
   const keep = (state: ViewState): ViewState => keptToFile(state, shown);
+  const rest = restOf(shown);
   const viewer = new Viewer(shown, {
-    rest: restOf(shown),
-    finding: "",
+    rest,
+    finding: rest === "" ? await firstFinding(shown.id) : "",
     left,
     serverOnly: false,
     shared: about.volume,
@@ -226,7 +233,7 @@ const place = h("div", { class: "app" });
 document.body.append(place);
 try {
   const shown = await getCase(about.id);
-  if (shown.state === "ready") show(shown, about, place);
+  if (shown.state === "ready") await show(shown, about, place);
 } catch (problem) {
   render(<Quiet>{problemWords(problem)}</Quiet>, place);
 }

@@ -2,10 +2,12 @@
 
 import { signal } from "@preact/signals";
 
+import { reasonIn } from "../base/case-words.ts";
+import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
-import type { CandidateList, ListingMap } from "../model/maps.ts";
+import type { CandidateList, ListingMap, MapName } from "../model/maps.ts";
 import { layerSampler } from "../model/sampler.ts";
 import { MOST_SHOWN } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -36,6 +38,14 @@ export class CaseLayers {
   /** A layer that is ready, by the name of a map or the id of an added one. */
   ready(id: string): Layer | null {
     return this.list.value?.layers.find((one) => one.id === id && isReady(one)) ?? null;
+  }
+
+  /** Why a map cannot be shown, in words; empty: it can, or it is not known yet. */
+  whyNone(map: MapName): string {
+    const { state, reason = "", reason_code } = this.list.value?.layers.find(({ id }) => id === map) ?? {};
+    if (state === "off") return t("maps.off");
+    if (state !== "undefined") return "";
+    return t(map === "flair" ? "flair.undefined" : "maps.undefined", { reason: reasonIn(reason, reason_code) });
   }
 
   get names(): readonly string[] {

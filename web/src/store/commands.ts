@@ -49,6 +49,7 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
     announce(t(map.has_inner ? "flat-map.outer-shown" : "flat-map.inner-shown"));
   },
   row: async (store, { steps }) => {
+    store.task.value = "read";
     const row = await store.rows.next(steps);
     if (store.isOver) return;
     if (typeof row === "string") note(row);
@@ -102,6 +103,9 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   view: change,
   window: change,
   map: (store, command) => {
+    const isShown = store.view.seen.peek().overlay?.name === command.name;
+    const reason = isShown ? "" : store.caseLayers.whyNone(command.name);
+    if (reason) return note(reason);
     change(store, command);
     if (store.view.seen.peek().overlay?.name === command.name) void notePlaces(store, command.name);
   },

@@ -178,6 +178,13 @@ export class Findings {
     this.#writing = null;
   }
 
+  /** Whoever states their name after they have made findings has made these as well. */
+  signOwn(): void {
+    const made = this.#done.peek().flatMap(({ before, after }) => after.filter((one) => !before.includes(one)));
+    const isOwn = ({ id }: Finding): boolean => made.some((one) => one.id === id);
+    this.#step(this.#list.map((one) => (isOwn(one) ? { ...one } : one)));
+  }
+
   /** Draws a finding in the panes, or not. */
   show(finding: Finding, isDrawn: boolean): void {
     const hidden = new Set(this.hidden.peek());

@@ -226,6 +226,7 @@ export class Measures {
   #hint(): string {
     const tool = this.tool.value;
     if (!tool) return t("measure.hint");
+    if (tool === "acpc") return t(this.count.value === 0 ? "measure.ac" : "measure.pc");
     const key = this.canEnd.value ? "measure.end" : "measure.next";
     return t(key, { tool: t(`measure.${tool}`), point: number(this.count.value + 1) });
   }
