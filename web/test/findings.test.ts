@@ -496,8 +496,11 @@ test("a file of findings is taken by the server or not at all, and what it repla
   await sync.load();
   sync.change([a]);
   // A list of a file comes in the place of what is stored, and is joined with what was there.
-  const before = [a];
-  await sync.take(JSON.stringify({ findings: [b] }), "application/dicom", (given) => joined(before, given).list);
+  await sync.take(
+    () => JSON.stringify({ findings: [b] }),
+    "application/dicom",
+    (now, given) => joined(now, given).list,
+  );
   assert.deepEqual(
     [notes(sync.value.value), notes(server.list)],
     [
@@ -507,10 +510,37 @@ test("a file of findings is taken by the server or not at all, and what it repla
   );
   // What is refused leaves the list as it is, and does not block it.
   server.fails.push(400);
-  await assert.rejects(sync.take("{}", "application/json", (given) => given));
+  await assert.rejects(
+    sync.take(
+      () => "{}",
+      "application/json",
+      (_now, given) => given,
+    ),
+  );
   sync.change([...sync.value.value, finding("c")]);
   await sync.flush();
   assert.deepEqual(notes(server.list), ["a:", "b:", "c:"]);
+  // What somebody else has added by the time the file is sent goes with it.
+  server.put([...server.list, finding("theirs")]);
+  sync.change([...sync.value.value, finding("d")]);
+  await sync.take(
+    (now) => JSON.stringify({ findings: joined(now, [finding("e")]).list }),
+    "application/json",
+    (_now, stored) => stored,
+  );
+  assert.deepEqual(notes(server.list).toSorted(), ["a:", "b:", "c:", "d:", "e:", "theirs:"]);
+  assert.deepEqual(sync.value.value, server.list);
+});
+
+test("what could not be read is read again as soon as the server answers", async () => {
+  server.put([a]);
+  server.fails.push(503);
+  assert.equal(await sync.load(), false);
+  assert.equal(sync.isRead.value, false);
+  await pass(6000);
+  assert.deepEqual([sync.isRead.value, notes(sync.value.value), told.at(-1)], [true, ["a:"], ""]);
+  await pass(60_000);
+  assert.deepEqual(server.seen, ["GET", "GET"]);
 });
 
 test("what is not sent yet when a case is left is shown and sent when it is opened again", async () => {

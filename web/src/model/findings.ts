@@ -237,6 +237,7 @@ export const markedFindings = (
   hidden: ReadonlySet<string>,
   slide: Slide,
   off: (finding: Finding) => boolean = () => false,
+  axis = "AC–PC",
 ): readonly Marked[] =>
   [...numbered(findings), ...findings.filter(isAxis)].flatMap((finding, at) => {
     const { id, kind, points_in_patient, depth_mm, colour, is_unconfirmed } = finding;
@@ -250,7 +251,7 @@ export const markedFindings = (
       return slid.points;
     };
     return {
-      words: `${isAxis(finding) ? "AC–PC" : at + 1}${is_unconfirmed ? "?" : ""}`,
+      words: `${isAxis(finding) ? axis : at + 1}${is_unconfirmed ? "?" : ""}`,
       points_in_patient,
       isClosed: kind === "polygon",
       colour,

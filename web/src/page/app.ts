@@ -19,12 +19,15 @@ import { perform } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
 import { followPerson, isKept } from "../store/person.ts";
 import { choose, preferences, unfold } from "../store/preferences.ts";
+import { isFinal } from "../store/sync.ts";
 import { askDropped, confirmDelete, helpDialog } from "./dialogs.tsx";
 import { Upload } from "./upload.tsx";
 import { Viewer } from "./viewer.tsx";
 
 /** Below this width the list lies over the picture, as in the style sheet. */
 const BESIDE_PIXELS = 700;
+/** How long to wait for a server that does not answer, in ms. */
+const AGAIN_MS = 5000;
 const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
 
 export class App {
@@ -89,8 +92,17 @@ export class App {
     });
     // Whoever may not look at anything may not ask either.
     if (parent !== window) return;
-    holder.value = await getHolder().catch(() => null);
-    await followPerson();
+    await this.#meet();
+  }
+
+  /** Learns who looks, also if the server does not answer at first. */
+  async #meet(): Promise<void> {
+    try {
+      holder.value = await getHolder();
+      await followPerson();
+    } catch (problem) {
+      if (!isFinal(problem)) setTimeout(() => void this.#meet(), AGAIN_MS);
+    }
   }
 
   async #lookForArrivals(): Promise<void> {
@@ -161,7 +173,13 @@ export class App {
     let absence = address.kind === "unknown" ? t("address.unknown") : "";
     let chosen: Case | null = this.cases.here.peek().find((one) => one.id === id) ?? null;
     if (id && !chosen)
-      chosen = await getCase(id).catch((problem: unknown) => ((absence = problemWords(problem)), null));
+      chosen = await getCase(id).catch((problem: unknown) => {
+        const before = this.chosen.peek();
+        // A server that does not answer closes no case.
+        if (before?.id === id && !isFinal(problem)) return before;
+        absence = problemWords(problem);
+        return null;
+      });
     // Another address may have come in the meantime.
     if (turn !== this.#routed) return;
     this.absence.value = absence;

@@ -6,7 +6,7 @@ import { getFile, postForFile } from "../base/api.ts";
 import { number, spoken, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { joined, readFindings } from "../model/findings.ts";
+import { type Finding, joined, readFindings } from "../model/findings.ts";
 import type { Store } from "../store/store.ts";
 import { findingsStl, saveWithFindings } from "./export.ts";
 import { Button, Choice, FileInput, type OfStore, Quiet, Row, Ticked, Writing } from "./fields.tsx";
@@ -48,16 +48,20 @@ async function save(store: Store, name: string, make: () => Promise<Blob>): Prom
 async function add({ findings, shown }: Store, file: File): Promise<void> {
   const { status, sync } = findings;
   status.value = t("export.working");
-  const before = sync.value.peek();
+  let before = sync.value.peek();
   let all: ReturnType<typeof joined> = { list: before, doubled: 0 };
+  const join = (now: readonly Finding[], given: readonly Finding[]): readonly Finding[] => {
+    before = now;
+    all = joined(now, given);
+    return all.list;
+  };
   try {
-    if ((await file.slice(128, 132).text()) === "DICM")
-      await sync.take(file, DICOM, (given) => (all = joined(before, given)).list);
+    if ((await file.slice(128, 132).text()) === "DICM") await sync.take(() => file, DICOM, join);
     else {
       const given = readFindings(await file.text());
       if (!given) return void (status.value = t("findings.unreadable"));
-      all = joined(before, given);
-      await sync.take(JSON.stringify({ findings: all.list }), "application/json", (stored) => stored);
+      const body = (now: readonly Finding[]): string => JSON.stringify({ findings: join(now, given) });
+      await sync.take(body, "application/json", (_now, stored) => stored);
     }
   } catch (problem) {
     return void (status.value = problemWords(problem));

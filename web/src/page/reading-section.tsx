@@ -223,8 +223,9 @@ function Both({ store: { reading, shown }, other }: OfStore & { readonly other: 
 
 /** A finding in a few words: where it is, and what its reader wrote. */
 const About = ({ finding }: { readonly finding: Finding }) => {
-  const { side, gyrus, label, note, certainty, depth_mm } = finding;
+  const { side, gyrus, label, note, certainty, depth_mm, is_unconfirmed } = finding;
   const words = [
+    is_unconfirmed && t("findings.unconfirmed"),
     t(`side.${side ?? "unknown"}`),
     gyrusWords(gyrus),
     `${number(depth_mm, 1)} mm`,

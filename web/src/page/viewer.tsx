@@ -137,7 +137,7 @@ export class Viewer {
     store.isLoaded.value = true;
     store.meet(this.#surface.surface);
     void this.#readFindings();
-    if (!this.#isShared) store.caseLayers.ask().catch(() => {});
+    if (!this.#isShared) void store.caseLayers.follow();
     catchUp(store);
     this.#schedule();
   }

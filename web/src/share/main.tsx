@@ -124,8 +124,8 @@ function Findings({ store }: OfStore) {
                   </span>
                   <span class="row-title">{`${t(`side.${side}`)} ${gyrusWords(finding.gyrus)}`.trimEnd()}</span>
                   <span class="row-depth">{`${number(finding.depth_mm, 1)} mm`}</span>
-                  <span class="row-about" dir="auto">
-                    {finding.label}
+                  <span class={finding.is_unconfirmed ? "doubtful row-about" : "row-about"} dir="auto">
+                    {[finding.is_unconfirmed && t("findings.unconfirmed"), finding.label].filter(Boolean).join(" · ")}
                   </span>
                 </Button>
                 {finding.note && (

@@ -11,10 +11,13 @@ import type { CandidateList, ListingMap, MapName } from "../model/maps.ts";
 import { layerSampler } from "../model/sampler.ts";
 import { MOST_SHOWN } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
+import { isFinal } from "./sync.ts";
 import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
 
 /** How long to wait before asking again while layers are being made, in ms. */
 const WAIT_MS = 1000;
+/** How long to wait for a server that does not answer, in ms. */
+const AGAIN_MS = 5000;
 /** As many as are asked for. */
 const CANDIDATES = 20;
 
@@ -57,6 +60,18 @@ export class CaseLayers {
     const list = this.list.peek();
     if (list && !list.layers.some(isBusy) && !this.#isStale) return Promise.resolve();
     return (this.#asking ??= this.#ask().finally(() => (this.#asking = null)));
+  }
+
+  /** Asks until the layers have been listed, also if the server does not answer at first. */
+  async follow(): Promise<void> {
+    while (!this.#gone.signal.aborted) {
+      try {
+        return await this.ask();
+      } catch (problem) {
+        if (isFinal(problem)) return;
+        await wait(AGAIN_MS);
+      }
+    }
   }
 
   /** Asks again: something has changed. */

@@ -50,8 +50,10 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   },
   row: async (store, { steps }) => {
     store.task.value = "read";
+    const { crosshair_mm } = store.view.now;
     const row = await store.rows.next(steps);
-    if (store.isOver) return;
+    // The places may come when something else is marked.
+    if (store.isOver || store.view.now.crosshair_mm !== crosshair_mm) return;
     if (typeof row === "string") note(row);
     else goToRow(store, row);
   },
@@ -165,7 +167,8 @@ async function notePlaces(store: Store, name: MapName): Promise<void> {
   const { places } = store;
   const list = places.lists.find(({ map }) => map === name);
   const found = list && (await places.standingOut(list).catch(() => null));
-  if (!found || store.isOver) return;
+  // Another map may be shown by now.
+  if (!found || store.isOver || store.view.seen.peek().overlay?.name !== name) return;
   const count = (side: "left" | "right" | "middle"): string =>
     number(found.filter((place) => place.side === side).length);
   note(t("map.stand-out", { left: count("left"), right: count("right"), middle: count("middle") }));
@@ -244,9 +247,9 @@ export function pick(store: Store, place: Vec2, state: ViewState = store.view.no
     if (isLoading && !isKnown) store.wanted = { place, state };
     return store.miss(t(isKnown ? "point.none" : isLoading ? "point.loading" : "point.unknown"));
   }
-  point.picked = picked;
   // The marked hemisphere is the one that is shown as it was acquired.
   const turned = picked.isFlipped ? otherSide(state, store.shown) : {};
+  point.picked = { ...picked, surface: turned.surface ?? state.surface };
   store.view.change({ ...turned, crosshair_mm: picked.position_in_patient }, true);
   announce(t("point.said", { position: positionWords(picked.position_in_patient) }));
 }

@@ -51,15 +51,18 @@ export class FindingsSync extends Sync<List> {
     if (this.isKept && this.isRead.peek()) await this.readAll();
   }
 
-  /** Sends what a file has in the place of the list, and takes what is made of the answer as the list. */
-  async take(body: string | Blob, type: string, made: (stored: List) => List): Promise<void> {
+  /**
+   * Sends what a file has in the place of the list as it is then, and takes what is made of both as the list. What others have added by then is in
+   * it; what they add later refuses the file.
+   */
+  async take(body: (now: List) => string | Blob, type: string, made: (now: List, stored: List) => List): Promise<void> {
     await this.flush();
     await this.inTurn(async () => {
       const before = this.value.peek();
-      const stored = await this.put(body, type);
+      const stored = await this.put(body(before), type);
       this.stored.value = stored;
       // What has been changed here meanwhile stays.
-      this.change(merged(before, this.value.peek(), made(stored.value)).list);
+      this.change(merged(before, this.value.peek(), made(before, stored.value)).list);
     });
     await this.flush();
   }

@@ -275,7 +275,8 @@ export class Findings {
     const slide = (position: Vec3, depth_mm: number): Vec3 =>
       this.#flows?.has(position) ? this.#flows.at(position, depth_mm) : position;
     untracked(() => {
-      this.marked.value = markedFindings(list, hidden, slide, (one) => depths !== null && isOff(depths, one));
+      const off = (one: Finding): boolean => depths !== null && isOff(depths, one);
+      this.marked.value = markedFindings(list, hidden, slide, off, t("findings.acpc"));
       if (depths) this.#walk(list, depths);
     });
   }

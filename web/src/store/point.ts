@@ -6,6 +6,7 @@ import { depthAtWords, positionWords, valueWords } from "../base/readout.ts";
 import type { Picked } from "../model/points.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
 import { DEEP_MM } from "../model/commands.ts";
 import { isHalf } from "../model/surfaces.ts";
 import { measuredAt } from "./measured.ts";
@@ -33,8 +34,8 @@ export class MarkedPoint {
   readonly missed = signal("");
   /** Whether the point is so deep that the cut through the whole brain meets it slantwise; of a half, the inner side has it. */
   readonly isDeep: ReadonlySignal<boolean>;
-  /** What was seen where a hand marked it. */
-  picked: Picked | null = null;
+  /** What was seen where a hand marked it, and on which surface. */
+  picked: (Picked & Pick<ViewState, "surface">) | null = null;
   readonly #surface: () => Surface | null;
   readonly #layers: ShownLayers;
   #asked = new AbortController();
@@ -50,15 +51,21 @@ export class MarkedPoint {
       const isWhole = !isHalf(view.state.value.surface);
       return position !== null && isWhole && (surface()?.wholeDepth(position) ?? 0) > DEEP_MM;
     });
+    const shown = computed(() => view.state.value.surface);
+    // What a hand saw holds for its mark alone, and on its surface.
+    const pickedAt = (position: Vec3): Picked | null => {
+      const { picked } = this;
+      return picked?.surface === shown.value && String(picked.position_in_patient) === String(position) ? picked : null;
+    };
     // The same words are not told with each frame of a drag.
     const values = computed(() => {
       const position = this.position.value;
-      return position ? this.valuesAt(position, this.picked?.intensity) : "";
+      return position ? this.valuesAt(position, pickedAt(position)?.intensity) : "";
     });
     this.words = computed(() => {
       const position = this.position.value;
       if (!position) return null;
-      const known: Partial<Picked> = this.picked ?? surface()?.probe(position) ?? {};
+      const known: Partial<Picked> = pickedAt(position) ?? surface()?.probe(position) ?? {};
       return { position: positionWords(position), depth: depthAtWords(known.depth_mm), intensity: values.value };
     });
     this.profile = computed(() => (this.position.value && surface()?.profile(this.position.value)) ?? null);
@@ -67,6 +74,8 @@ export class MarkedPoint {
     this.#ends = [
       effect(() => {
         const position = asked.value;
+        // Depths are those below the surface that is shown.
+        void shown.value;
         untracked(() => this.#measure(view, position));
       }),
       effect(() => {

@@ -149,6 +149,8 @@ export class Reading extends Sync<Written> {
    * signed is open. Without a conclusion in a correction, the signed version counts.
    */
   async reported(mustBeSigned = false): Promise<string | null> {
+    // A file without a conclusion that could not be read would look as if there were none.
+    if (isNamed.peek() && mayWrite.peek() && !this.isRead.peek()) await this.readAll();
     const mine = this.mine.peek();
     if (!mine) return null;
     const isBegun = this.isBegun.peek();

@@ -49,13 +49,16 @@ export function canShow(store: Store, { shows, surface = "whole", series = {} }:
 }
 
 /** The step that was gone to, as long as it is on the screen. Places and findings are, wherever their rows lead. */
-export function stepOnScreen({ step, view, shown }: Store): string | null {
+export function stepOnScreen(store: Store): string | null {
+  const { step, view, shown } = store;
   const gone = stepsNow().find(({ name }) => name === step.value);
   if (!gone) return null;
-  const { layout, surface, orientation, depth_mm } = view.state.value;
+  const { layout, surface, orientation, depth_mm, layer, overlay } = view.state.value;
   const isThere =
     layout === gone.layout &&
     surface === gone.surface &&
+    (gone.shows !== "flair" || layer?.id === flairOf(store)) &&
+    (!gone.series || gone.map === undefined || gone.map === (overlay?.name ?? "")) &&
     depth_mm === clampDepth(gone.depth_mm ?? depth_mm, shown) &&
     // From a head that was turned freely, the direction was not saved.
     (gone.view === null || viewName(orientation) === gone.view);

@@ -42,6 +42,8 @@ export abstract class Sync<Value> {
   protected readonly stored: Signal<Stored<Value>>;
   #timer = 0;
   #isSending = false;
+  #retry = 0;
+  #isLeft = false;
   /** Whether what is stored could not be read, which is said. */
   #isUnread = false;
   /** The last of the requests, which come one after another: no answer is older than the one before. */
@@ -79,19 +81,26 @@ export abstract class Sync<Value> {
   }
 
   attend(): void {
+    this.#isLeft = false;
     addEventListener("beforeunload", this.#leave);
     document.addEventListener("visibilitychange", this.#turn);
   }
 
   /** What was not sent is sent now; whoever closes the page is warned as long as the server has not got all of it. */
   dispose(): void {
+    this.#isLeft = true;
+    clearTimeout(this.#retry);
     document.removeEventListener("visibilitychange", this.#turn);
     UNSENT.set(this.key, this);
     this.#sendIn(0);
   }
 
-  /** Reads what is stored, joins it with what this page has not sent yet, and sends that; whether it could be read. */
+  /**
+   * Reads what is stored, joins it with what this page has not sent yet, and sends that; whether it could be read. It is read again as long as
+   * the server does not answer.
+   */
   async load(): Promise<boolean> {
+    clearTimeout(this.#retry);
     try {
       await this.readAll();
       if (this.#isUnread) this.status.value = "";
@@ -99,6 +108,8 @@ export abstract class Sync<Value> {
     } catch (problem) {
       this.#isUnread = true;
       this.status.value = problemWords(problem);
+      if (!this.#isLeft && !isFinal(problem))
+        this.#retry = setTimeout(() => void this.load(), AGAIN_MS) as unknown as number;
     }
     if (!this.isKept) this.#sendIn(0);
     return !this.#isUnread;
@@ -230,7 +241,7 @@ const isConflict = (problem: unknown): boolean =>
   problem instanceof Problem && (problem.status === 412 || problem.status === 428);
 
 /** Whether the server will never accept it as it is. */
-const isFinal = (problem: unknown): boolean =>
+export const isFinal = (problem: unknown): boolean =>
   problem instanceof Problem &&
   problem.status >= 400 &&
   problem.status < 500 &&
