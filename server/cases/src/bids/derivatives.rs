@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::folder::HeadName;
+use super::names::ends;
 use super::record::{HeadRecord, MadeWith};
 
 /// The version of BIDS that the names follow.
@@ -36,6 +37,11 @@ pub enum OutputError {
         "{} was made by another program, as its dataset_description.json says; name another folder", .path.display()
     )]
     OfAnother { path: PathBuf },
+    /// It may be that of another program.
+    #[error(
+        "{} has folders of subjects and no dataset_description.json, so it may belong to another program; name another folder", .path.display()
+    )]
+    Undescribed { path: PathBuf },
     /// The acquired volumes would lie beside what is derived from them.
     #[error("the output folder is the BIDS folder itself; name another one, such as {}/derivatives/isocortex", .path.display())]
     Same { path: PathBuf },
@@ -73,6 +79,10 @@ impl Derivatives {
                     path: root.to_owned(),
                 });
             }
+        } else if has_subjects(root).map_err(unwritable)? {
+            return Err(OutputError::Undescribed {
+                path: root.to_owned(),
+            });
         }
         this.write_json(
             &path,
@@ -166,7 +176,8 @@ impl Derivatives {
         self.write_json(&self.record_path(name), &record)
     }
 
-    /// Removes what an earlier run wrote of a head, the record first, and the parts of files of a run that was killed.
+    /// Removes what an earlier run wrote of a head, the record first, and the parts of files of a run that was killed. What others have put
+    /// beside it stays.
     ///
     /// # Errors
     /// If something cannot be removed.
@@ -179,24 +190,16 @@ impl Derivatives {
             _ => Ok(()),
         };
         gone(&self.record_path(name))?;
-        // The entities that only derivatives have; another run or session of the subject has others before them.
-        let [desc, hemi, from] =
-            ["desc", "hemi", "from"].map(|entity| format!("{}_{entity}-", name.prefix));
-        let report = format!("{}.html", name.prefix);
-        for (folder, starts) in [
-            (self.anat(name), &[&desc, &hemi, &from][..]),
-            (self.figures(name), &[&desc]),
-            (self.root.clone(), &[&report]),
-        ] {
-            for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
-                let file = entry.file_name();
-                let file = file.to_string_lossy();
-                let part = file.strip_prefix('.').filter(|_| file.ends_with(PART));
-                let file = part.unwrap_or(&file);
-                if starts.iter().any(|start| file.starts_with(*start)) {
-                    gone(&entry.path())?;
-                }
-            }
+        let of_head = ends().map(|end| self.path(name, &end));
+        let own: Vec<_> = of_head
+            .chain([self.picture(name), self.report(name)])
+            .collect();
+        let folders = [self.anat(name), self.figures(name), self.root.clone()];
+        let entries = folders.iter().flat_map(std::fs::read_dir).flatten();
+        let parts = entries.flatten().map(|entry| entry.path());
+        let parts = parts.filter(|path| is_part_of(path, &own));
+        for path in parts.chain(own.iter().cloned()) {
+            gone(&path)?;
         }
         Ok(())
     }
@@ -234,6 +237,30 @@ impl Derivatives {
     pub fn write_json(&self, path: &Path, value: &Value) -> Result<(), OutputError> {
         self.write(path, format!("{value:#}\n").as_bytes())
     }
+}
+
+/// Whether the folder has one of a subject.
+fn has_subjects(root: &Path) -> std::io::Result<bool> {
+    for entry in std::fs::read_dir(root)? {
+        let name = entry?.file_name();
+        if name.to_string_lossy().starts_with("sub-") {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Whether a file is what [`Derivatives::write`] left of one of these when it was killed.
+fn is_part_of(path: &Path, whole: &[PathBuf]) -> bool {
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let Some(part) = file.strip_prefix('.').filter(|file| file.ends_with(PART)) else {
+        return false;
+    };
+    whole.iter().any(|whole| {
+        let name = whole.file_name().unwrap_or_default().to_string_lossy();
+        let rest = part.strip_prefix(&*name);
+        whole.parent() == path.parent() && rest.is_some_and(|rest| rest.starts_with('.'))
+    })
 }
 
 fn read(path: &Path) -> Result<Option<Vec<u8>>, OutputError> {
@@ -317,9 +344,11 @@ mod tests {
     fn parts_of_a_killed_run_go_and_what_the_user_wrote_stays() {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path().join("out");
+        std::fs::create_dir_all(&root).unwrap();
+        std::fs::write(root.join("README.md"), "mine").unwrap();
+        let out = open(folder.path());
         std::fs::create_dir_all(root.join("sub-1/anat")).unwrap();
         std::fs::create_dir_all(root.join("sub-1/figures")).unwrap();
-        std::fs::write(root.join("README.md"), "mine").unwrap();
         let own = [
             "sub-1/anat/sub-1_desc-depth_map.nii.gz",
             "sub-1/anat/.sub-1_desc-depth_map.nii.gz.abc.part",
@@ -329,6 +358,8 @@ mod tests {
             "sub-1.html",
         ];
         let other = [
+            "sub-1/anat/sub-1_desc-lesion_roi.nii.gz",
+            "sub-1/anat/sub-1_hemi-L_pial.surf.gii",
             "sub-1/anat/sub-1_run-2_desc-depth_map.nii.gz",
             "sub-1/anat/.sub-1_run-2_desc-depth_map.nii.gz.abc.part",
             "sub-10.html",
@@ -336,7 +367,6 @@ mod tests {
         for file in own.iter().chain(&other) {
             std::fs::write(root.join(file), "").unwrap();
         }
-        let out = open(folder.path());
         let name = HeadName {
             folder: "sub-1".into(),
             prefix: "sub-1".to_owned(),
@@ -347,5 +377,9 @@ mod tests {
         assert!(other.iter().all(is_there));
         let readme = std::fs::read_to_string(root.join("README.md")).unwrap();
         assert_eq!(readme, "mine");
+        // Without its description, nobody knows whose it is.
+        std::fs::remove_file(root.join("dataset_description.json")).unwrap();
+        let opened = Derivatives::open(&root, folder.path(), &MadeWith::new("0", None, ""));
+        assert!(matches!(opened, Err(OutputError::Undescribed { .. })));
     }
 }

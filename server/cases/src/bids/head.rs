@@ -17,6 +17,9 @@ use serde_json::{Value, json};
 
 use super::derivatives::{Derivatives, OutputError, encoded};
 use super::folder::{HeadFiles, HeadName};
+use super::names::{
+    BRAIN, HEMISPHERES, PLACES, SURFACE_DEPTHS_MM, TRANSFORM, VOXELS, ends, stem, surface_end,
+};
 use super::places;
 use super::record::{HeadRecord, MadeWith, MapsRecord, MaskRecord};
 use crate::gyri::PlaceNames;
@@ -27,28 +30,12 @@ use crate::pictures::{PictureRequest, PictureSeries, SeriesPicture, mesh_size};
 use crate::report::{AskedReport, ReportSubject, found_or_reason};
 use crate::{Cases, Error};
 
-/// The depths of the surfaces of each half, in mm.
-const SURFACE_DEPTHS_MM: [f32; 2] = [0.0, 8.0];
-
 /// Contours of a surface, and points on each.
 const SURFACE_POINTS: usize = 100;
 
 /// The depth of the picture of a head, and its side in pixels.
 const PICTURE_MM: f32 = 8.0;
 const PICTURE_SIDE: u32 = 320;
-
-/// What is written of the voxels of a head.
-const VOXELS: [VoxelValues; 9] = [
-    VoxelValues::Depth,
-    VoxelValues::Sides,
-    VoxelValues::Regions,
-    VoxelValues::Blur,
-    VoxelValues::Thickness,
-    VoxelValues::Flair,
-    VoxelValues::BlurPlaces,
-    VoxelValues::ThicknessPlaces,
-    VoxelValues::FlairPlaces,
-];
 
 /// Writes a mesh of a surface as GIFTI.
 pub type SurfaceFile = fn(&ShrunkMesh, &DeformableModel, MeshSize, SurfaceName) -> Vec<u8>;
@@ -127,7 +114,7 @@ pub async fn write_head(
     writer.write_surfaces(cases, id, surface_file).await?;
     writer.write_report(cases, id).await?;
     let mask = cases.nifti(id, VoxelValues::Brain).await?;
-    writer.add("desc-brain_mask.nii.gz", &mask.bytes)?;
+    writer.add(BRAIN, &mask.bytes)?;
 
     let found = maps.as_ref().ok();
     Ok(HeadRecord {
@@ -197,6 +184,7 @@ struct Writer<'a> {
 
 impl Writer<'_> {
     fn add(&mut self, end: &str, bytes: &[u8]) -> Result<(), OutputError> {
+        debug_assert!(ends().any(|one| one == end), "{end}");
         self.add_at(self.out.path(self.name, end), bytes)
     }
 
@@ -229,9 +217,7 @@ impl Writer<'_> {
                 Err(Error::MapsUndefined(_)) => continue,
                 other => other?,
             };
-            let label = values.name().replace('-', "");
-            let is_labels = values.are_labels();
-            let stem = format!("desc-{label}_{}", if is_labels { "dseg" } else { "map" });
+            let stem = stem(values);
             self.add(&format!("{stem}.nii.gz"), &file.bytes)?;
             let (description, units) = words(values);
             let mut about = json!({
@@ -243,7 +229,7 @@ impl Writer<'_> {
                 about["Units"] = units.into();
             }
             self.add_json(&format!("{stem}.json"), &about)?;
-            if is_labels {
+            if values.are_labels() {
                 let row = |(number, name): &(u16, String)| format!("{number}\t{name}\n");
                 let rows: String = file.labels.iter().map(row).collect();
                 self.add(
@@ -271,8 +257,9 @@ impl Writer<'_> {
             ac_pc: None,
         };
         let table = places::table(own.into_iter().flatten().chain(of_flair), &names);
-        self.add("desc-places.tsv", table.as_bytes())?;
-        Ok(self.add_json("desc-places.json", &places::columns())?)
+        let [as_table, about] = PLACES;
+        self.add(as_table, table.as_bytes())?;
+        Ok(self.add_json(about, &places::columns())?)
     }
 
     fn write_transform(
@@ -299,7 +286,7 @@ impl Writer<'_> {
             "ResidualMm": placed.as_ref().ok().and_then(|facts| facts.residual_mm),
             "Matrix": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
         });
-        self.add_json("from-FLAIR_to-T1w_mode-image_xfm.json", &about)
+        self.add_json(TRANSFORM, &about)
     }
 
     async fn write_surfaces(
@@ -309,7 +296,7 @@ impl Writer<'_> {
         surface_file: SurfaceFile,
     ) -> Result<(), HeadError> {
         let size = mesh_size(SURFACE_POINTS, SURFACE_POINTS)?;
-        for (surface, hemisphere) in [(SurfaceName::Left, 'L'), (SurfaceName::Right, 'R')] {
+        for (surface, hemisphere) in HEMISPHERES {
             let model = match cases.surface(id, surface).await {
                 Err(Error::NoSurfaces(reason)) => {
                     self.notes
@@ -323,8 +310,7 @@ impl Writer<'_> {
                 let of = Arc::clone(model.model());
                 let write = move || surface_file(&shrunk, &of, size, surface);
                 let bytes = cases.queue.run(write).await?;
-                let end = format!("hemi-{hemisphere}_desc-{depth_mm}mm_cut.surf.gii");
-                self.add(&end, &bytes)?;
+                self.add(&surface_end(hemisphere, depth_mm), &bytes)?;
             }
         }
         Ok(())

@@ -3,6 +3,7 @@
 mod derivatives;
 mod folder;
 mod head;
+mod names;
 mod places;
 mod record;
 
