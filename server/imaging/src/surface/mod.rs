@@ -218,8 +218,8 @@ pub fn places(volume: &[u8]) -> Option<Vec<Vec<DVec3>>> {
 }
 
 /// Reads surfaces with their values and draws them into a volume, which is returned as `.nii.gz` in single precision, NaN away from them, with
-/// the [`places`] of some vertices. `t1` is the file of the volume that `tkregister` coordinates belong to. A surface without values has its number
-/// as the value, from 1.
+/// the [`places`] of some vertices. `t1` is the file of the volume that `tkregister` coordinates belong to. Surfaces of which
+/// none has values have their numbers as values, from 1.
 ///
 /// # Errors
 /// As [`read`] and [`sheet`]; if a label has two names.
@@ -247,11 +247,18 @@ pub fn draw(
     let read = |(number, &files): (u32, &SurfaceFiles<'_>)| {
         let (t1, space) = (t1.as_ref(), drawing.space);
         match read(files, t1, space, drawing.column) {
-            Err(SurfaceError::NoValues) if may_be_bare => bare(files, t1, space, number),
-            read => read,
+            Err(SurfaceError::NoValues) if may_be_bare => {
+                bare(files, t1, space, number).map(|surface| (true, surface))
+            }
+            read => read.map(|surface| (false, surface)),
         }
     };
-    let surfaces: Vec<_> = (1..).zip(files).map(read).collect::<Result<_, _>>()?;
+    let surfaces = (1..).zip(files).map(read).collect::<Result<Vec<_>, _>>()?;
+    let (are_bare, surfaces): (Vec<_>, Vec<_>) = surfaces.into_iter().unzip();
+    // Beside values that were given, the number of a surface would be taken for one.
+    if are_bare.contains(&true) && are_bare.contains(&false) {
+        return Err(SurfaceError::NoValues);
+    }
     let state_labels = surfaces.iter().all(|surface| surface.are_labels);
     let are_labels = drawing.are_labels.unwrap_or(state_labels);
     let mut names = BTreeMap::new();

@@ -6,17 +6,22 @@
 
 use std::collections::BTreeMap;
 
-use geometry::Grid;
+use geometry::{Grid, Mask};
 use serde::{Deserialize, Serialize};
 
 use super::{Drawing, Drawn, SurfaceError, SurfaceFiles, bare, draw};
-use crate::{Limits, nifti};
+use crate::nifti::{self, Values};
+use crate::{ImagingError, Limits};
 
 /// The volumes of a subject, the best one first: conformed and of even brightness, or as it was acquired.
 const VOLUMES: [&str; 3] = ["mri/T1.mgz", "mri/orig.mgz", "mri/nu.mgz"];
 
 /// The brain of the subject: FreeSurfer's, and FastSurfer's.
-const MASKS: [&str; 2] = ["mri/brainmask.mgz", "mri/mask.mgz"];
+const MASKS: [&str; 2] = [BRAIN, "mri/mask.mgz"];
+const BRAIN: &str = "mri/brainmask.mgz";
+
+/// What voxels have in FreeSurfer's brain that were erased by hand (FreeSurfer's wiki, Edits); the others have their intensities.
+const ERASED: f32 = 1.0;
 
 /// The regions in voxels: FreeSurfer's, and FastSurfer's.
 const REGIONS: [&str; 3] = [
@@ -111,7 +116,13 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
     };
     let grid = nifti::read_grid(&volume, limits);
     let grid = grid.map_err(|error| of_file(name)(damaged("volume", error)))?;
-    let mask = first(read, &MASKS)?.map(|(_, mask)| mask);
+    let mask = match first(read, &MASKS)? {
+        Some((name @ BRAIN, brain)) => {
+            let brain = without_erased(brain, limits);
+            Some(brain.map_err(|error| of_file(name)(damaged("mask", error)))?)
+        }
+        mask => mask.map(|(_, mask)| mask),
+    };
     let drawer = Drawer {
         t1: &volume,
         grid: &grid,
@@ -205,6 +216,17 @@ pub fn subject(read: ReadFile<'_>, limits: &Limits) -> Result<Option<Subject>, S
         mask,
         layers,
     }))
+}
+
+/// FreeSurfer's brain without what was erased by hand. A file of zeros and ones is a plain mask, and stays as it is.
+fn without_erased(brain: Vec<u8>, limits: &Limits) -> Result<Vec<u8>, ImagingError> {
+    let Values { grid, numbers, .. } = nifti::read_values(&brain, limits)?;
+    let has_intensities = numbers.iter().any(|number| *number > ERASED);
+    if !has_intensities || !numbers.contains(&ERASED) {
+        return Ok(brain);
+    }
+    let kept = numbers.into_iter().map(|number| number > ERASED);
+    nifti::write_mask(&Mask::new(grid, kept.collect())?)
 }
 
 fn of_file(file: &str) -> impl FnOnce(SurfaceError) -> SubjectError {

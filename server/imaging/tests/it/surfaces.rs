@@ -571,6 +571,14 @@ fn what_is_drawn_states_labels_names_and_the_places_of_vertices() {
     };
     assert!(!draw(&[Some(&annotation)], &as_map).unwrap().1.are_labels);
     assert_eq!(draw(&[None], &as_map).unwrap_err().kind(), "values-missing");
+    // Beside a surface with values, one without any would have invented ones.
+    let valued = gifti(&(PLAIN.surface(&scanner()) + &PLAIN.values(&VALUES)));
+    let files = [&valued, &file].map(|surface| SurfaceFiles {
+        surface,
+        values: None,
+    });
+    let mixed = imaging::surface::draw(&files, None, &drawing, &limits);
+    assert_eq!(mixed.unwrap_err().kind(), "values-missing");
     let mut other = annotation.clone();
     let name = other.windows(6).position(|six| six == b"insula").unwrap();
     other[name] = b'I';
@@ -762,4 +770,33 @@ fn a_sheet_holds_the_values_of_the_nearest_place_and_nothing_elsewhere() {
         sheet(&[huge], &grid, false).unwrap_err().kind(),
         "surface-too-large"
     );
+}
+
+#[test]
+fn what_was_erased_by_hand_is_no_brain_of_a_subject() {
+    let limits = imaging::Limits::default();
+    let grid = Grid::new([4; 3], DAffine3::IDENTITY).unwrap();
+    let write = |of: fn(usize) -> f32| {
+        let numbers: Vec<_> = (0..64).map(of).collect();
+        imaging::nifti::write_numbers(&grid, &numbers).unwrap()
+    };
+    let head = write(|at| at as f32);
+    let voxels = |brain: Vec<u8>| {
+        let mut read = |name: &str| {
+            Ok(match name {
+                "mri/T1.mgz" => Some(head.clone()),
+                "mri/brainmask.mgz" => Some(brain.clone()),
+                _ => None,
+            })
+        };
+        let subject = imaging::surface::subject(&mut read, &limits)
+            .unwrap()
+            .unwrap();
+        let mask = imaging::nifti::read_mask(&subject.mask.unwrap(), &limits).unwrap();
+        mask.voxels().iter().filter(|belongs| **belongs).count()
+    };
+    let intensities = write(|at| [0.0, 1.0, 90.0, 110.0][at % 4]);
+    assert_eq!(voxels(intensities), 32);
+    let plain = write(|at| f32::from(u8::from(at % 4 > 0)));
+    assert_eq!(voxels(plain), 48);
 }
