@@ -155,6 +155,27 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
     let list = looked_at["findings"].as_array_mut().unwrap();
     list.retain(|finding| finding["is_dismissed"] == false);
     assert_eq!(of_reader(&from_segments.json()), of_reader(&looked_at));
+    // Nor have segments the commissures, which stay, too.
+    let mut with_axes = looked_at["findings"].clone();
+    let mut axes = with_axes[0].clone();
+    let anterior = axes["points_in_patient"][0].clone();
+    let posterior = json!([
+        anterior[0],
+        anterior[1].as_f64().unwrap() + 25.0,
+        anterior[2]
+    ]);
+    axes["id"] = json!("axes");
+    axes["kind"] = json!("acpc");
+    axes["points_in_patient"] = json!([anterior, posterior]);
+    with_axes.as_array_mut().unwrap().push(axes);
+    let body = json!({ "findings": with_axes }).to_string().into_bytes();
+    let stored_axes = put(server, &case, "application/json", body).await;
+    assert_eq!(stored_axes.status, 200, "{stored_axes:?}");
+    let from_segments = put(server, &case, "application/dicom", segments.clone()).await;
+    assert_eq!(
+        of_reader(&from_segments.json()),
+        of_reader(&stored_axes.json())
+    );
     let mask = made(server, &case, "mask", folder.path()).await;
     let restored = put(server, &case, "application/dicom", report.clone()).await;
     assert_eq!(restored.status, 200, "{restored:?}");

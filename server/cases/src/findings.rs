@@ -304,8 +304,11 @@ impl Cases {
         let mut findings: Vec<_> = findings
             .collect::<Result<_, _>>()
             .map_err(NotReplaced::Refused)?;
-        let is_in_no_file =
-            |one: &Finding| one.is_unconfirmed || (one.is_dismissed && !has_dismissed);
+        // A segmentation has what is kept alone; a report has the commissures and what is dismissed, too.
+        let is_in_no_file = |one: &Finding| {
+            let is_in_report = one.is_dismissed || one.states_axes();
+            one.is_unconfirmed || (is_in_report && !has_dismissed)
+        };
         let here = self.findings(id).await?.list.into_iter();
         let kept = here
             .filter(|one| is_in_no_file(one) && findings.iter().all(|other| other.id != one.id));
