@@ -69,10 +69,10 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
         let library = open_library(&options).await.map_err(StartError::from)?;
         let store = library.store().clone();
         let (id, added) = into_store(library, input, parameters, layers).await?;
+        println!("{id}");
         if let Some(folder) = &args.nifti {
             write_voxels(store, &id, folder).await?;
         }
-        println!("{id}");
         added
     })
 }

@@ -1,5 +1,6 @@
 //! Values of voxels as files, and the application on a store for one case.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use case::{CaseId, VoxelValues};
@@ -36,9 +37,19 @@ pub(super) async fn write_voxels(store: Store, id: &CaseId, folder: &Path) -> Re
     cases.library.make_maps_now(id).await?;
     for values in VoxelValues::ALL {
         let name = values.name();
+        let path = folder.join(format!("{name}.nii.gz"));
         match cases.nifti(id, values).await {
-            Ok(file) => write_output(&folder.join(format!("{name}.nii.gz")), &file.bytes)?,
-            Err(Error::MapsUndefined(reason)) => eprintln!("isocortex: no {name}: {reason}"),
+            Ok(file) => write_output(&path, &file.bytes)?,
+            Err(Error::MapsUndefined(reason)) => {
+                eprintln!("isocortex: no {name}: {reason}");
+                // That of another head would be taken for this one's.
+                match std::fs::remove_file(&path) {
+                    Err(error) if error.kind() != ErrorKind::NotFound => {
+                        return Err(unwritable(&path, &error));
+                    }
+                    _ => {}
+                }
+            }
             Err(error) => return Err(error.into()),
         }
     }
