@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import dataclasses
 import json
 import os
@@ -13,7 +14,7 @@ from typing import Any
 from .._http import IsocortexError
 from .._program import find_program
 from .figures import PLACES, SEED, Patient, differences, figures
-from .heads import DESCRIPTION, Judgeable, NoMapsError, Outputs, read_head, run_program
+from .heads import DESCRIPTION, Judgeable, NoMapsError, Outputs, TruthError, read_head, run_program
 from .judge import MarkList, judge, marks_of_file
 from .lock import locked, sha256, write
 from .report import Report
@@ -156,11 +157,15 @@ def trial(arguments: argparse.Namespace) -> Report:
             heads.append(read_head(chosen, Outputs(derivatives, bids, chosen.files.t1[0])))
             remarks += heads[-1].remarks()
             continue
+        except TruthError as error:
+            # The program has missed nothing there.
+            selection.left_out.append(Remark(chosen.files.name, f"{chosen.role} without a truth: {error}"))
+            continue
         except NoMapsError as error:
             reason = str(error)
         except IsocortexError as error:
             reason = f"without a result: {error}"
-        except (OSError, LookupError, ValueError) as error:
+        except (OSError, LookupError, TypeError, ValueError, csv.Error) as error:
             reason = f"without a result: what isocortex bids has written of it is damaged ({error!r})"
         missed += chosen.role == "patient"
         selection.left_out.append(Remark(chosen.files.name, f"{chosen.role} {reason}"))

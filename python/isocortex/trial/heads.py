@@ -51,6 +51,10 @@ class NoMapsError(Exception):
     """Why nothing can be judged in a head."""
 
 
+class TruthError(Exception):
+    """Why the truth of a head cannot be used."""
+
+
 @dataclass
 class Truth:
     """A file with lesions, and its place in the head."""
@@ -122,6 +126,8 @@ class Judgeable:
         files, found = self.chosen.files, []
         if len(files.t1) > 1:
             found.append(f"{len(files.t1)} T1-weighted volumes; {files.t1[0].name} is used")
+        for path in files.other_truths:
+            found.append(f"{path.name}: it belongs to another session or volume, and does not count")
         for truth in self.truths:
             if truth.place in (ON_FLAIR["failed"], NOT_REGISTERED):
                 found.append(f"{truth.path.name}: {truth.place}; it lies where its header places it")
@@ -203,10 +209,14 @@ def read_head(chosen: Chosen, outputs: Outputs) -> Judgeable:
     truths: list[Truth] = []
     lesions = Lesions([], [])
     if chosen.role == "patient":
+        try:
+            volumes = [opened(path) for path in chosen.files.truths]
+        except IsocortexError as error:
+            raise TruthError(str(error)) from error
         truths = [placed(path, chosen.files, outputs) for path in chosen.files.truths]
-        lesions = lesions_of([(opened(truth.path), truth.head_from_truth) for truth in truths])
+        lesions = lesions_of([(volume, truth.head_from_truth) for volume, truth in zip(volumes, truths)])
         if not lesions.lesions:
-            raise NoMapsError("without a result: its truth has no voxel")
+            raise TruthError("its truth has no voxel")
     plane = facts["Midsagittal"]
     mask = facts["Mask"]
     depth, blur = opened(outputs.path("desc-depth_map.nii.gz")), opened(outputs.path("desc-blur_map.nii.gz"))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Sequence
 import numpy as np
 
 from .._http import IsocortexError
-from .selection import Table, is_same_head
+from .selection import Table, same_head
 from .truth import FALSE, HIT, RULES, Lesions, Rules
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def marks_of_file(path: Path, heads: Sequence[str]) -> MarkList:
                 values.append(np.nan)
             if not np.isfinite(values[-1]):
                 raise IsocortexError(f"row {number} of {path}: {column} must be a number")
-        head = next((head for head in heads if is_same_head(head, row.id)), None)
+        head = same_head(row.id, heads)
         if head:
             found[head].append(values)
         else:

@@ -18,7 +18,7 @@ import numpy as np
 
 from .. import Case, IsocortexError, Server, start
 from .judge import Marks, Plane
-from .selection import heads_of
+from .selection import entity, heads_of
 from .truth import RULES, moved
 
 if TYPE_CHECKING:
@@ -58,11 +58,19 @@ class Repeated:
 
 
 def pairs_of(bids: Path) -> list[Pair]:
-    """The first two T1-weighted volumes of each head that has two, as sessions or runs."""
-    heads = [head for head in heads_of(bids, "anat/*_roi.nii*") if len(head.t1) > 1]
-    if not heads:
+    """The first T1-weighted volume of each head, and the first one of another session or run."""
+    found = []
+    for head in heads_of(bids, "anat/*_roi.nii*"):
+        scans: dict[tuple[str, str], Path] = {}
+        for path in sorted(head.t1):
+            # A file of the same session and run is the same scan, reconstructed or written otherwise.
+            scans.setdefault((entity(path, "ses"), entity(path, "run")), path)
+        first, second = (*scans.values(), None, None)[:2]
+        if first and second:
+            found.append(Pair(head.name, first, second))
+    if not found:
         raise IsocortexError(f"no head in {bids} has two T1-weighted volumes (sessions or runs)")
-    return [Pair(head.name, *head.t1[:2]) for head in heads]
+    return found
 
 
 def marks_of(case: Case) -> Marks:

@@ -8,7 +8,7 @@ import io
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 from .._http import IsocortexError
 
@@ -70,7 +70,10 @@ class Table:
             raise IsocortexError(f"{path} cannot be read: {error}") from error
         is_tabbed = "\t" in text.partition("\n")[0]
         dialect = {"delimiter": "\t", "quoting": csv.QUOTE_NONE} if is_tabbed else {}
-        lines = list(csv.reader(io.StringIO(text), **dialect))  # type: ignore[arg-type]
+        try:
+            lines = list(csv.reader(io.StringIO(text), **dialect))  # type: ignore[arg-type]
+        except csv.Error as error:
+            raise IsocortexError(f"{path} is no table: {error}") from error
         lines = [line for line in lines if any(cell.strip() for cell in line)]
         if not lines:
             raise IsocortexError(f"{path} is empty")
@@ -78,7 +81,8 @@ class Table:
         self.rows = [Row(self.columns, line) for line in lines[1:]]
 
     def row(self, head: str) -> Row | None:
-        return next((row for row in self.rows if is_same_head(row.id, head)), None)
+        id = same_head(head, [row.id for row in self.rows])
+        return next((row for row in self.rows if row.id == id), None)
 
     def check_column(self, column: str) -> None:
         if column.lower() not in (name.lower() for name in self.columns):
@@ -88,22 +92,37 @@ class Table:
 def is_same_head(one: str, other: str) -> bool:
     """Whether two names mean the same head: `sub-07`, `07` and `7` do."""
 
-    def bare(name: str) -> str:
-        name = name.strip()
-        name = name[4:] if name.startswith("sub-") else name
+    def number(name: str) -> str:
         return str(int(name)) if name.isascii() and name.isdigit() else name
 
-    return bare(one) == bare(other)
+    return number(_label(one)) == number(_label(other))
+
+
+def _label(name: str) -> str:
+    name = name.strip()
+    return name[4:] if name.startswith("sub-") else name
+
+
+def same_head(name: str, others: Sequence[str]) -> str | None:
+    """The one of some names that means the same head. With zeros or without, `sub-1` and `sub-01` may be two heads."""
+    exact = [other for other in others if _label(other) == _label(name)]
+    alike = dict.fromkeys(exact or [other for other in others if is_same_head(other, name)])
+    if len(alike) > 1:
+        raise IsocortexError(f"{name} may be any of {', '.join(alike)}: write the same name everywhere")
+    return next(iter(alike), None)
 
 
 @dataclass
 class HeadFiles:
-    """A head of the folder, with its files in the order of their names. The first volume of each kind is used."""
+    """A head of the folder, with its files in the order of their names. The first volume of each kind is used, but the
+    T1-weighted volumes begin with that of the session, and of the name, of the first truth."""
 
     name: str
     t1: list[Path]
     flair: list[Path]
     truths: list[Path]
+    other_truths: list[Path] = field(default_factory=list)
+    """Truths of another session, or of another T1-weighted volume than the one that is used."""
 
 
 def stem(path: Path) -> str:
@@ -145,11 +164,45 @@ def heads_of(bids: Path, pattern: str, truth_folder: Path | None = None) -> list
 
         def images(suffix: str, scanned: list[Path] = scanned) -> list[Path]:
             endings = (f"anat/*_{suffix}.nii.gz", f"anat/*_{suffix}.nii")
-            return sorted(path for folder in scanned for ending in endings for path in matching(folder, ending))
+            found = (path for folder in scanned for ending in endings for path in matching(folder, ending))
+            return sorted(path for path in found if not re.search(r"_(desc|space)-", path.name))
 
         truths = [path for place in ([truth_folder] if truth_folder else scanned) for path in matching(place, own)]
-        heads.append(HeadFiles(folder.name, images("T1w"), images("FLAIR"), sorted(set(truths))))
+        head = HeadFiles(folder.name, images("T1w"), images("FLAIR"), sorted(set(truths)))
+        if head.t1 and head.truths:
+            head.t1.sort(key=lambda path: _distance(path, head.truths[0]))
+            used = head.t1[0]
+            belongs = [truth for truth in head.truths if _is_of(truth, used, head.t1)]
+            head.other_truths = [truth for truth in head.truths if truth not in belongs]
+            head.truths = belongs
+        heads.append(head)
     return heads
+
+
+def entity(path: Path, name: str) -> str:
+    """An entity in the name of a BIDS file, such as its session; empty if it has none."""
+    found = re.search(rf"(?:^|_){name}-([^_]*)_", path.name)
+    return found[1] if found else ""
+
+
+def _distance(t1: Path, truth: Path) -> tuple[bool, int]:
+    """Least for the T1-weighted volume that a truth belongs to: one of its session, whose name has most in common."""
+    prefix = stem(t1)[: -len("T1w")]
+    return _session(t1) != _session(truth), -len(prefix) if truth.name.startswith(prefix) else 0
+
+
+def _session(path: Path) -> str:
+    """The session in whose folder, or in whose name, a file is."""
+    folders = (parent.name for parent in list(path.parents)[:2] if parent.name.startswith("ses-"))
+    return entity(path, "ses") or next(folders, "ses-")[4:]
+
+
+def _is_of(truth: Path, used: Path, t1: list[Path]) -> bool:
+    sessions = {_session(path) for path in t1}
+    if _session(truth) in sessions and _session(truth) != _session(used):
+        return False
+    own = [path for path in t1 if stem(truth).startswith(stem(path))]
+    return not own or used in own
 
 
 @dataclass(frozen=True)

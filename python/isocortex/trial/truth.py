@@ -62,6 +62,8 @@ def opened(path: Path) -> Volume:
         raise IsocortexError(f"{path} cannot be read: {error}") from error
     while data.ndim > 3 and data.shape[-1] == 1:
         data = data[..., 0]
+    if data.dtype.kind not in "biuf":
+        raise IsocortexError(f"{path} has colours or other voxels that are no numbers")
     if data.ndim != 3 or not np.isfinite(affine).all() or np.linalg.det(affine) == 0:
         raise IsocortexError(f"{path} is no volume with three axes and a place in the scanner")
     return Volume(data, affine)
