@@ -19,6 +19,7 @@ use crate::dicom::head_slices;
 use crate::head::{mask_of, plain_head};
 use crate::maps::until_maps;
 use crate::pacs::{Neighbour, an_image, with_texts};
+use crate::scopes::TokensFile;
 use crate::server::{Answer, Server};
 use crate::skipped;
 use crate::until::until;
@@ -786,4 +787,45 @@ async fn a_node_that_refuses_an_object_is_believed() {
         assert_eq!(sent["state"], "failed");
         assert_eq!(sent["reason"]["name"], reason, "{sent}");
     }
+}
+
+#[tokio::test]
+async fn an_open_reading_is_saved_and_only_a_signed_one_is_sent() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let mut tokens = TokensFile::new();
+    tokens.add("ana", &["--scope", "read,write,results"]);
+    let server = neighbour.restarted().await;
+    let server = server.restart_with(|config| {
+        config.http.tokens_file = Some(tokens.path());
+        add_node(config, "away", "http://127.0.0.1:1/".to_owned());
+    });
+    let server = server.await;
+    let send = async |method: Method, address: String, tag: &str, body: Value| {
+        let request = Request::builder().method(method).uri(address);
+        let request = request.header("authorization", tokens.bearer("ana"));
+        let request = request.header("if-match", tag);
+        let request = request.body(Body::from(body.to_string()));
+        server.send(request.unwrap()).await
+    };
+    let mine = format!("{case}/readings/mine");
+    let results = format!("{case}/dicom-results");
+    let begun = send(Method::GET, mine.clone(), "", json!({})).await;
+    let reading = json!({"conclusion": "Blurred, left frontal.", "findings": []});
+    let kept = send(Method::PUT, mine.clone(), begun.header("etag"), reading).await;
+    assert_eq!(kept.status, 200, "{kept:?}");
+    let saved = json!({"what": "findings", "reading": "ana"});
+    let sent = json!({"what": "findings", "reading": "ana", "node": "away"});
+    let refused = send(Method::POST, results.clone(), "", sent.clone()).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem()),
+        (409, "reading-open".to_owned())
+    );
+    let file = send(Method::POST, results.clone(), "", saved).await;
+    assert_eq!(file.status, 200, "{file:?}");
+    let signature = format!("{mine}/signature");
+    let signed = send(Method::POST, signature, kept.header("etag"), json!({})).await;
+    assert_eq!(signed.status, 200, "{signed:?}");
+    let queued = send(Method::POST, results, "", sent).await;
+    assert_eq!(queued.status, 202, "{queued:?}");
 }

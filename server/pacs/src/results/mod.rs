@@ -105,7 +105,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, no node has this name, or no such reading (`no-such-reading`)"),
         (status = 406, description = "A segmentation, findings, a report and a rejection note have no picture"),
-        (status = 409, description = "The case is not ready, it is closed (`closed`), the reading is of somebody else and whoever asks has not signed their own (`reading-hidden`), the PACS has images of its series or study as another patient's (`several-patients`), or the result was withdrawn (`withdrawn`)"),
+        (status = 409, description = "The case is not ready, it is closed (`closed`), the reading is of somebody else and whoever asks has not signed their own (`reading-hidden`), the reading is to be sent and is not signed (`reading-open`), the PACS has images of its series or study as another patient's (`several-patients`), or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),
     )
@@ -130,6 +130,13 @@ pub(crate) async fn create_result(
         Some(reader) => {
             let asker = holder.is_named().then_some(&*holder.name);
             let kept = pacs.cases().reading(&id, asker, reader, None).await?;
+            if node.is_some() && kept.signed_at.is_none() {
+                return Err(AppError::new(
+                    StatusCode::CONFLICT,
+                    "reading-open",
+                    "the reading is not signed; only a signed one is sent to a node",
+                ));
+            }
             Some((kept, plain_name(reader).to_owned()))
         }
     };
