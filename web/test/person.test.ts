@@ -79,7 +79,9 @@ test("what another person has left in the browser is not taken over", async () =
   takeSteps([layout("step of Zoe")]);
   holder.value = { name: who, scopes: ["read"] };
   kept = { choices: { theme: "light" }, other: 1 };
-  await followPerson();
+  const isFollowed = followPerson();
+  choose({ shortcuts: false });
+  await isFollowed;
   assert.equal(preferences.value.theme, "light");
   assert.deepEqual([preferences.value.reader, preferences.value.panel], ["", true]);
   assert.deepEqual([savedLayouts.value, ownSteps.value], [[], []]);
@@ -89,6 +91,7 @@ test("what another person has left in the browser is not taken over", async () =
   choose({ wheel: "depth" });
   await isKept();
   assert.deepEqual(names(kept["layouts"]), ["there"]);
+  assert.equal((kept["choices"] as { shortcuts: boolean }).shortcuts, false, "chosen before the server had answered");
   assert.doesNotMatch(JSON.stringify([kept, ...stored.values()]), /Zoe/);
   assert.equal(kept["other"], 1, "a later page may keep more");
 });

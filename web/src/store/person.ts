@@ -154,14 +154,19 @@ export async function followPerson(): Promise<void> {
   const { name } = (isNamed.peek() && holder.peek()) || { name: "" };
   const begun = name === "" ? null : new Person(name);
   // If it cannot be read, the browser has a copy.
+  const before: Members = { ...preferences.peek() };
   const isRead = await begun?.load();
+  // What was chosen while the server was asked counts.
+  const chosenNow = Object.entries(preferences.peek()).filter(([choice, value]) => value !== before[choice]);
   batch(() => {
     takeCopy(name);
     if (isRead) begun?.show();
   });
-  if (!isRead || !begun) return;
-  person = begun;
-  person.follow();
+  if (isRead && begun) {
+    person = begun;
+    person.follow();
+  }
+  choose(Object.fromEntries(chosenNow));
 }
 
 /** Resolves once the server has what was changed by now, or cannot have it. */
