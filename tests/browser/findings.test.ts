@@ -67,6 +67,8 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   await until(stored, ([one]) => one !== undefined);
   // Whoever states their name after that has made it as well.
   await page.locator("#reader").fill("Dr. A");
+  await page.keyboard.press("Tab");
+  await until(stored, ([one]) => one?.author === "Dr. A");
   await page.locator(".finding-label").fill("<b>thick</b>\tgyrus");
   await page.locator(".finding-note").fill("seen on the cut");
   await page.locator(".rows select").selectOption("probable");

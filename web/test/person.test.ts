@@ -35,6 +35,8 @@ let asked: string[] = [];
 /** Whether a proxy between compresses, which makes weak tags. */
 let isCompressed = false;
 let isContested = false;
+/** How many times it does not answer. */
+let fails = 0;
 const stored = new Map<string, string>();
 
 before(() => {
@@ -51,7 +53,7 @@ before(() => {
         status,
         headers: { "content-type": "application/json", etag: isCompressed ? `W/${tag()}` : tag() },
       });
-    if (method === "GET") return answer(200);
+    if (method === "GET") return answer(fails-- > 0 ? 503 : 200);
     if (isContested) version += 1;
     if (isContested || (headers as Record<string, string>)["if-match"] !== tag()) return answer(412);
     version += 1;
@@ -221,4 +223,20 @@ test("once somebody else has signed in, nothing of this page is kept as theirs",
   stored.set("isocortex", "{}");
   choose({ reader: "Ana" });
   assert.equal(stored.get("isocortex"), "{}");
+});
+
+test("a server that does not answer at first is asked again, and what is chosen meanwhile counts", async ({ mock }) => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  who = "proxy:cid";
+  kept = { choices: { theme: "light", wheel: "zoom" } };
+  fails = 1;
+  holder.value = { name: who, scopes: ["read"] };
+  await followPerson();
+  assert.notEqual(preferences.value.theme, "light");
+  choose({ wheel: "depth" });
+  mock.timers.tick(5000);
+  await new Promise(setImmediate);
+  assert.deepEqual([preferences.value.theme, preferences.value.wheel], ["light", "depth"]);
+  await isKept();
+  assert.deepEqual(kept["choices"], { ...(kept["choices"] as object), theme: "light", wheel: "depth" });
 });

@@ -61,6 +61,7 @@ export class App {
   #isHeld = false;
 
   async start(): Promise<void> {
+    const before = preferences.peek();
     effect(() => {
       // Whatever becomes of the cases, the one of the address may be there now, or another one.
       void this.cases.here.value;
@@ -92,16 +93,16 @@ export class App {
     });
     // Whoever may not look at anything may not ask either.
     if (parent !== window) return;
-    await this.#meet();
+    await this.#meet(before);
   }
 
   /** Learns who looks, also if the server does not answer at first. */
-  async #meet(): Promise<void> {
+  async #meet(before: object): Promise<void> {
     try {
       holder.value = await getHolder();
-      await followPerson();
+      await followPerson({ ...before });
     } catch (problem) {
-      if (!isFinal(problem)) setTimeout(() => void this.#meet(), AGAIN_MS);
+      if (!isFinal(problem)) setTimeout(() => void this.#meet(before), AGAIN_MS);
     }
   }
 

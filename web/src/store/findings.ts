@@ -69,6 +69,8 @@ export class Findings {
   readonly #undone: Signal<readonly Step[]> = signal([]);
   readonly canUndo = computed(() => this.#done.value.length > 0);
   readonly canRedo = computed(() => this.#undone.value.length > 0);
+  /** The ids of what this reader has made or changed here. */
+  readonly #made = new Set<string>();
   /** The field that is being typed into, and the step that it makes. */
   #writing: { readonly field: string; readonly step: Step } | null = null;
   #flows: Flows | null = null;
@@ -157,6 +159,7 @@ export class Findings {
   write(id: string, text: Partial<Pick<Finding, "label" | "note">>): void {
     const written = (list: readonly Finding[]): readonly Finding[] =>
       list.map((one) => (one.id === id ? own({ ...one, ...text }) : one));
+    this.#made.add(id);
     const field = [id, ...Object.keys(text)].join();
     const step = this.#done.peek().at(-1);
     const after = written(this.#list);
@@ -180,9 +183,7 @@ export class Findings {
 
   /** Whoever states their name after they have made findings has made these as well. */
   signOwn(): void {
-    const made = this.#done.peek().flatMap(({ before, after }) => after.filter((one) => !before.includes(one)));
-    const isOwn = ({ id }: Finding): boolean => made.some((one) => one.id === id);
-    this.#step(this.#list.map((one) => (isOwn(one) ? { ...one } : one)));
+    this.#step(this.#list.map((one) => (this.#made.has(one.id) ? { ...one } : one)));
   }
 
   /** Draws a finding in the panes, or not. */
@@ -249,6 +250,7 @@ export class Findings {
   #step(list: readonly Finding[]): void {
     const before = new Set(this.#list);
     const isOld = (one: Finding): boolean => before.has(one);
+    for (const { id } of list.filter((one) => !isOld(one))) this.#made.add(id);
     const all = list.map((one) => (isOld(one) ? one : own(one)));
     const after = withOneAcpc(all, (one) => !isOld(one));
     this.did(this.#list, after);

@@ -1,6 +1,6 @@
 // What a named user has chosen and saved: the server keeps it for them in whatever browser they sit; the browser has a copy.
 
-import { batch, effect, signal } from "@preact/signals";
+import { batch, effect, signal, untracked } from "@preact/signals";
 
 import { Problem, getHolder } from "../base/api.ts";
 import { t } from "../base/i18n.ts";
@@ -148,25 +148,44 @@ function takeCopy(name: string): void {
   takeSteps(isOthers ? [] : ownSteps.peek());
 }
 
-/** Takes over what the server keeps for whoever is signed in, and from then on keeps there what changes. */
-export async function followPerson(): Promise<void> {
+/** The choices that are others than before. */
+const chosenSince = (before: Members): Members =>
+  Object.fromEntries(Object.entries(preferences.peek()).filter(([choice, value]) => value !== before[choice]));
+
+function follow(begun: Person): void {
+  person = begun;
+  begun.follow();
+}
+
+/**
+ * Takes over what the server keeps for whoever is signed in, and from then on keeps there what changes. What was chosen since `before`, while
+ * the server was asked, counts.
+ */
+export async function followPerson(before: Members = { ...preferences.peek() }): Promise<void> {
   if (!holder.peek()) return;
   const { name } = (isNamed.peek() && holder.peek()) || { name: "" };
   const begun = name === "" ? null : new Person(name);
-  // If it cannot be read, the browser has a copy.
-  const before: Members = { ...preferences.peek() };
   const isRead = await begun?.load();
-  // What was chosen while the server was asked counts.
-  const chosenNow = Object.entries(preferences.peek()).filter(([choice, value]) => value !== before[choice]);
+  const changed = chosenSince(before);
   batch(() => {
+    // If it cannot be read, the browser has a copy.
     takeCopy(name);
     if (isRead) begun?.show();
   });
-  if (isRead && begun) {
-    person = begun;
-    person.follow();
-  }
-  choose(Object.fromEntries(chosenNow));
+  if (begun && isRead) follow(begun);
+  choose(changed);
+  if (!begun || isRead) return;
+  const copied = { ...preferences.peek() };
+  const end = effect(() => {
+    if (!begun.isRead.value) return;
+    untracked(() => {
+      const later = { ...changed, ...chosenSince(copied) };
+      begun.show();
+      follow(begun);
+      choose(later);
+    });
+    queueMicrotask(() => end());
+  });
 }
 
 /** Resolves once the server has what was changed by now, or cannot have it. */

@@ -3,6 +3,7 @@
 import { number, t } from "../base/i18n.ts";
 import { viewName } from "../model/camera.ts";
 import { isReady } from "../model/layers.ts";
+import { readOverlay } from "../model/maps.ts";
 import { missingOf, recalled } from "../model/saved-layouts.ts";
 import { PROTOCOLS, type Protocol, type Step, isProtocol } from "../model/steps.ts";
 import { clampDepth } from "../model/state.ts";
@@ -58,7 +59,7 @@ export function stepOnScreen(store: Store): string | null {
     layout === gone.layout &&
     surface === gone.surface &&
     (gone.shows !== "flair" || layer?.id === flairOf(store)) &&
-    (!gone.series || gone.map === undefined || gone.map === (overlay?.name ?? "")) &&
+    (!gone.series || (readOverlay(gone.map ?? "")?.overlay.name ?? "") === (overlay?.name ?? "")) &&
     depth_mm === clampDepth(gone.depth_mm ?? depth_mm, shown) &&
     // From a head that was turned freely, the direction was not saved.
     (gone.view === null || viewName(orientation) === gone.view);
