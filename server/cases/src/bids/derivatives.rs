@@ -192,7 +192,11 @@ impl Derivatives {
         gone(&self.record_path(name))?;
         let of_head = ends().map(|end| self.path(name, &end));
         let own: Vec<_> = of_head
-            .chain([self.picture(name), self.report(name)])
+            .chain([
+                self.record_path(name),
+                self.picture(name),
+                self.report(name),
+            ])
             .collect();
         let folders = [self.anat(name), self.figures(name), self.root.clone()];
         let entries = folders.iter().flat_map(std::fs::read_dir).flatten();
@@ -242,8 +246,9 @@ impl Derivatives {
 /// Whether the folder has one of a subject.
 fn has_subjects(root: &Path) -> std::io::Result<bool> {
     for entry in std::fs::read_dir(root)? {
-        let name = entry?.file_name();
-        if name.to_string_lossy().starts_with("sub-") {
+        let entry = entry?;
+        let is_named = entry.file_name().to_string_lossy().starts_with("sub-");
+        if is_named && entry.file_type()?.is_dir() {
             return Ok(true);
         }
     }
@@ -346,12 +351,14 @@ mod tests {
         let root = folder.path().join("out");
         std::fs::create_dir_all(&root).unwrap();
         std::fs::write(root.join("README.md"), "mine").unwrap();
+        std::fs::write(root.join("sub-1.log"), "").unwrap();
         let out = open(folder.path());
         std::fs::create_dir_all(root.join("sub-1/anat")).unwrap();
         std::fs::create_dir_all(root.join("sub-1/figures")).unwrap();
         let own = [
             "sub-1/anat/sub-1_desc-depth_map.nii.gz",
             "sub-1/anat/.sub-1_desc-depth_map.nii.gz.abc.part",
+            "sub-1/anat/.sub-1_desc-brain_mask.json.abc.part",
             "sub-1/figures/.sub-1_desc-cut.png.abc.part",
             "sub-1/figures/sub-1_desc-cut.png",
             ".sub-1.html.abc.part",

@@ -1,6 +1,5 @@
 //! Values of voxels as files, and the application on a store for one case.
 
-use std::io::ErrorKind;
 use std::path::Path;
 
 use case::{CaseId, VoxelValues};
@@ -42,12 +41,9 @@ pub(super) async fn write_voxels(store: Store, id: &CaseId, folder: &Path) -> Re
             Ok(file) => write_output(&path, &file.bytes)?,
             Err(Error::MapsUndefined(reason)) => {
                 eprintln!("isocortex: no {name}: {reason}");
-                // That of another head would be taken for this one's.
-                match std::fs::remove_file(&path) {
-                    Err(error) if error.kind() != ErrorKind::NotFound => {
-                        return Err(unwritable(&path, &error));
-                    }
-                    _ => {}
+                if path.exists() {
+                    let path = path.display();
+                    eprintln!("isocortex: {path} was there before, and is not of this head");
                 }
             }
             Err(error) => return Err(error.into()),
