@@ -136,6 +136,9 @@ def test_both_kinds_of_tables_are_read(tmp_path):
     assert [Table(both).row(head).get("group") for head in ("sub-01", "sub-1")] == ["fcd", "control"]
     with pytest.raises(IsocortexError, match="sub-001 may be any of sub-01, sub-1"):
         Table(both).row("sub-001")
+    both.write_text("participant_id\tgroup\nsub-1\tcontrol\n")
+    assert Table(both).row("sub-01").get("group") == "control"
+    assert Table(both).row("sub-01", ["sub-01", "sub-1"]) is None
 
 
 def test_heads_are_found_with_sessions_and_with_truths_elsewhere(tmp_path):
@@ -342,6 +345,8 @@ def test_heads_that_cannot_be_judged_are_listed_with_the_reason(golden, capsys):
     about = json.loads(facts.read_text())
     about["Maps"] = {"State": "undefined", "Code": "too-coarse", "Reason": "its voxels are too coarse"}
     facts.write_text(json.dumps(about))
+    # Nothing could be found there, with maps or without.
+    (derivatives / "sub-010/anat/sub-010_desc-brain_mask.json").write_text(json.dumps(about))
     os.remove(derivatives / "sub-018/anat/sub-018_desc-brain_mask.json")
     os.remove(derivatives / "sub-023/anat/sub-023_desc-places.tsv")
     summary = (derivatives / "summary.tsv").read_text()

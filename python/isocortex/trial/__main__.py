@@ -140,8 +140,11 @@ def trial(arguments: argparse.Namespace) -> Report:
     folder = arguments.truth_dir or (bids / "masks" if is_ideas else None)
     pattern = arguments.truth or ("{n}/{n}_MaskInOrig.nii*" if is_ideas else "anat/*_roi.nii*")
     wish = _wish(arguments)
-    selection = select(bids, heads_of(bids, pattern, folder), wish)
-    others = [marks_of_file(path, [head.files.name for head in selection.chosen]) for path in arguments.candidates_of]
+    folders = heads_of(bids, pattern, folder)
+    selection = select(bids, folders, wish)
+    chosen_names = [head.files.name for head in selection.chosen]
+    every_name = [head.name for head in folders]
+    others = [marks_of_file(path, chosen_names, every_name) for path in arguments.candidates_of]
     arguments.results.mkdir(parents=True, exist_ok=True)
     frozen = _locked(selection, pattern, wish, arguments)
     derivatives: Path = arguments.derivatives or arguments.results / "derivatives"

@@ -20,7 +20,7 @@ from .._program import find_program
 from .figures import PLACES, SEED
 from .judge import Marks, Plane
 from .selection import Chosen, HeadFiles, Remark, Strata, stem
-from .truth import RULES, Lesion, Lesions, Volume, lesions_of, moved, opened
+from .truth import RULES, Lesion, Lesions, Volume, belonging, lesions_of, moved, opened
 
 if TYPE_CHECKING:
     from .truth import Floats
@@ -203,20 +203,28 @@ class Outputs:
         return Marks(positions, [float(row["score"]) for row in rows])
 
 
+def _truths_of(chosen: Chosen) -> list[Volume]:
+    """The truths of a patient, none of a control. Raises the reason if there is nothing to be found."""
+    if chosen.role != "patient":
+        return []
+    try:
+        volumes = [opened(path) for path in chosen.files.truths]
+    except IsocortexError as error:
+        raise TruthError(str(error)) from error
+    if not any(belonging(volume.data).any() for volume in volumes):
+        raise TruthError("its truth has no voxel")
+    return volumes
+
+
 def read_head(chosen: Chosen, outputs: Outputs) -> Judgeable:
     """A head with its marks and lesions. Raises the reason if it cannot be judged."""
+    volumes = _truths_of(chosen)
     facts = outputs.facts()
     truths: list[Truth] = []
     lesions = Lesions([], [])
     if chosen.role == "patient":
-        try:
-            volumes = [opened(path) for path in chosen.files.truths]
-        except IsocortexError as error:
-            raise TruthError(str(error)) from error
         truths = [placed(path, chosen.files, outputs) for path in chosen.files.truths]
         lesions = lesions_of([(volume, truth.head_from_truth) for volume, truth in zip(volumes, truths)])
-        if not lesions.lesions:
-            raise TruthError("its truth has no voxel")
     plane = facts["Midsagittal"]
     mask = facts["Mask"]
     depth, blur = opened(outputs.path("desc-depth_map.nii.gz")), opened(outputs.path("desc-blur_map.nii.gz"))

@@ -107,8 +107,12 @@ def judge(marks: Marks, lesions: Lesions, plane: Plane, places: Floats, rules: R
     return JudgedHead(judged, marks.scores.tolist(), marks.scores[is_false].tolist())
 
 
-def marks_of_file(path: Path, heads: Sequence[str]) -> MarkList:
-    """The marks of another program: a table with the columns participant_id, x, y, z (scanner RAS mm) and score."""
+def marks_of_file(path: Path, heads: Sequence[str], folders: Sequence[str] = ()) -> MarkList:
+    """The marks of another program: a table with the columns participant_id, x, y, z (scanner RAS mm) and score.
+
+    heads: those of the trial.
+    folders: all heads of the BIDS folder, so that the marks of one that is left out are not taken for another's.
+    """
     table = Table(path)
     columns = ("x", "y", "z", "score")
     for column in columns:
@@ -124,8 +128,8 @@ def marks_of_file(path: Path, heads: Sequence[str]) -> MarkList:
                 values.append(np.nan)
             if not np.isfinite(values[-1]):
                 raise IsocortexError(f"row {number} of {path}: {column} must be a number")
-        head = same_head(row.id, heads)
-        if head:
+        head = same_head(row.id, folders or heads)
+        if head and head in found:
             found[head].append(values)
         else:
             unknown[row.id] = None

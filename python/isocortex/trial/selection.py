@@ -80,9 +80,11 @@ class Table:
         self.columns = [name.strip() for name in lines[0]]
         self.rows = [Row(self.columns, line) for line in lines[1:]]
 
-    def row(self, head: str) -> Row | None:
+    def row(self, head: str, folders: Sequence[str] = ()) -> Row | None:
+        """The row of a head; not one that has the very name of another of these folders."""
         id = same_head(head, [row.id for row in self.rows])
-        return next((row for row in self.rows if row.id == id), None)
+        is_of_other = id is not None and any(_label(id) == _label(other) != _label(head) for other in folders)
+        return None if is_of_other else next((row for row in self.rows if row.id == id), None)
 
     def check_column(self, column: str) -> None:
         if column.lower() not in (name.lower() for name in self.columns):
@@ -257,7 +259,7 @@ def select(bids: Path, heads: list[HeadFiles], wish: Wish) -> Selection:
         if not any(is_same_head(row.id, head.name) for head in heads):
             selection.left_out.append(Remark(row.id, "in the table of participants, but without a folder"))
     for head in heads:
-        row_or_none = table.row(head.name) if table else None
+        row_or_none = table.row(head.name, [one.name for one in heads]) if table else None
         if table and row_or_none is None:
             role, reason = None, "it is not in the table of participants"
         else:
