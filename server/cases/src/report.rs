@@ -10,7 +10,7 @@ use ::report::{
 };
 use bytes::Bytes;
 use case::findings::Finding;
-use case::{CaseId, Layer, LayerKind, MapName, QualityState};
+use case::{CaseId, Layer, LayerId, LayerKind, MapName, QualityState};
 use glam::DVec3;
 use imaging::dicom::Attributes;
 use pipeline::Undefined;
@@ -59,7 +59,15 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::ready`]; [`Error::LayerNotReady`] while its maps are computed; [`Error::Busy`] if too much work waits.
-    pub async fn report(
+    pub async fn report(&self, id: &CaseId, asked: AskedReport<'_>) -> Result<Bytes, Error> {
+        Ok(self.report_and_findings(id, asked).await?.0)
+    }
+
+    /// The same, with the findings that it is of, as it names them.
+    ///
+    /// # Errors
+    /// As [`Cases::report`].
+    pub async fn report_and_findings(
         &self,
         id: &CaseId,
         AskedReport {
@@ -68,7 +76,7 @@ impl Cases {
             subject,
             reading,
         }: AskedReport<'_>,
-    ) -> Result<Bytes, Error> {
+    ) -> Result<(Bytes, Vec<Finding>), Error> {
         let facts = self.ready(id).await?;
         let mut case = self.case(id).await?;
         // A label may be a name; what is handed on has none unless it names the patient.
@@ -77,12 +85,13 @@ impl Cases {
         }
         let maps = found_or_reason(self.library.maps(id).await?)?;
         let flair = self.library.flair(id).await?;
+        let mapped = flair.as_ref().and_then(|flair| flair.layer);
         let flair = flair
             .map(|flair| found_or_reason(flair.state))
             .transpose()?;
         let gyri = self.gyri(id).await?;
         let layers = self.layers(id).await?;
-        let layer = beside(&layers);
+        let layer = beside(&layers, mapped);
         let reference = layer.map(|(layer, _)| LayerRef::from(layer.id));
         let mut sampled = Vec::new();
         if let Some((layer, _)) = layer {
@@ -112,6 +121,7 @@ impl Cases {
             // The atlas of today counts, not that of when it was written.
             names.name(finding);
         }
+        let named = list.clone();
         let (findings, others): (Vec<_>, Vec<_>) =
             (list.into_iter()).partition(Finding::is_numbered);
         let dismissed = others
@@ -161,7 +171,8 @@ impl Cases {
             overview,
         };
         let written = self.queue.run(move || report.write(format)).await?;
-        written.map(Into::into).map_err(|_| Error::Internal)
+        let file = written.map_err(|_| Error::Internal)?;
+        Ok((file.into(), named))
     }
 
     /// The values at a finding; `None` outside the envelope.
@@ -272,9 +283,9 @@ fn shown_patient(attributes: &Attributes) -> ShownPatient {
     }
 }
 
-/// The acquired layer to show beside the anatomy, and how far its place can be trusted: a FLAIR before any other, one whose place
-/// was checked before one whose was not, and none that certainly lies elsewhere.
-fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
+/// The acquired layer to show beside the anatomy, and how far its place can be trusted: the FLAIR that has the map, then another FLAIR, one
+/// whose place was checked before one whose was not, and none that certainly lies elsewhere.
+fn beside(layers: &[Layer], mapped: Option<LayerId>) -> Option<(&Layer, QualityState)> {
     let usable = layers.iter().filter_map(|layer| {
         let quality = ready(layer).ok()?.placement.quality;
         let is_usable = layer.parameters.kind == LayerKind::Mr && quality != QualityState::Failed;
@@ -282,7 +293,8 @@ fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
     });
     let order = |(layer, quality): &(&Layer, QualityState)| {
         let is_flair = layer.is_flair() || layer.name.to_lowercase().contains("flair");
-        (!is_flair, *quality != QualityState::Ok)
+        let is_mapped = Some(layer.id) == mapped;
+        (!is_mapped, !is_flair, *quality != QualityState::Ok)
     };
     usable.min_by_key(order)
 }

@@ -97,7 +97,7 @@ impl Report {
 
     /// The places of the map of blur: those that stand out, then all others.
     fn blurred(&self, words: &Words, maps: &ReportMaps) -> Vec<Block<'static>> {
-        let ranked = (1_usize..).zip(maps.blur.places.iter().take(MAX_CANDIDATES));
+        let ranked = listed(&maps.blur, MAX_CANDIDATES);
         let ranked = ranked.filter(|(_, place)| !self.is_kept(MapName::Blur, place));
         let (first, others): (Vec<_>, Vec<_>) = ranked
             .map(|(rank, place)| (rank.to_string(), *place))
@@ -167,7 +167,7 @@ impl Report {
         } else {
             MAX_UNJUDGED
         };
-        let ranked = (1_usize..).zip(list.places.iter().take(most));
+        let ranked = listed(list, most);
         let mut rows: Vec<_> = ranked
             .filter(|(_, place)| place.stands_out() || !has_limits)
             .map(|(rank, place)| (rank.to_string(), *place))
@@ -185,6 +185,12 @@ impl Report {
         }
         blocks
     }
+}
+
+/// The first places of a list with their ranks, and all others that stand out.
+fn listed(list: &ListedMap, most: usize) -> impl Iterator<Item = (usize, &CandidateFacts)> {
+    let ranked = (1..).zip(&list.places);
+    ranked.filter(move |(rank, place)| *rank <= most || place.stands_out())
 }
 
 /// A table of places with their ranks; with gyri if any has one.

@@ -3,8 +3,8 @@
 use case::{MapName, QualityState};
 
 use super::{
-    Block, Facts, Line, MAX_CANDIDATES, Picture, Table, caveat, certainty_of, gyrus_of, place_of,
-    shortened, side_of,
+    Block, Facts, Line, Picture, Table, caveat, certainty_of, gyrus_of, place_of, shortened,
+    side_of,
 };
 use crate::words::Words;
 use crate::{Report, ReportedFinding, ReportedReading, ShownPatient};
@@ -102,8 +102,7 @@ impl Report {
             (MapName::Blur, &maps.blur),
             (MapName::Thickness, &maps.thickness),
         ] {
-            let listed = list.places.iter().take(MAX_CANDIDATES);
-            let all = listed.filter(|place| place.stands_out());
+            let all = list.places.iter().filter(|place| place.stands_out());
             let left = all.clone().filter(|place| !self.is_kept(map, place));
             match [all.count(), left.count()] {
                 [0, _] if map == MapName::Blur => {

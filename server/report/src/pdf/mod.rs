@@ -117,13 +117,19 @@ impl Contents<'_> {
         let doubt = Text::strong(self.doubt.as_deref().unwrap_or_default());
         let notice = Text::strong(self.notice);
         let identity = format!("Isocortex · {}", self.identity);
-        let room = WIDTH_MM - doubt.width(EDGE) - COLUMN_GAP_MM;
-        let identity = Text::plain(&identity).cut(EDGE, room);
+        let identity = Text::plain(&identity).cut(EDGE, WIDTH_MM);
+        // Where both have no room beside each other, the doubt stands below.
+        let is_beside = identity.width(EDGE) + COLUMN_GAP_MM + doubt.width(EDGE) <= WIDTH_MM;
+        let doubts = doubt.wrapped(EDGE, WIDTH_MM);
         let unprintable = Text::plain(self.unprintable);
         for page in 0..count {
-            let [head, foot] = [10.0, PAGE_MM[1] - 8.5];
+            let [mut head, foot] = [if is_beside { 10.0 } else { 6.0 }, PAGE_MM[1] - 8.5];
             paper.text(page, &identity, [MARGIN_MM, head], EDGE, BLACK);
-            paper.text(page, &doubt, [right - doubt.width(EDGE), head], EDGE, RED);
+            for line in &doubts {
+                head += if is_beside { 0.0 } else { LEADING * EDGE };
+                let at = [right - line.width(EDGE), head];
+                paper.text(page, line, at, EDGE, RED);
+            }
             paper.text(page, &notice, [MARGIN_MM, foot], EDGE, BLACK);
             let number = Text::plain(&format!("{} / {count}", page + 1));
             let at = [right - number.width(EDGE), foot];
@@ -666,6 +672,20 @@ mod tests {
         }
         let words: usize = pages.iter().map(|page| page.matches(" Tj").count()).sum();
         assert!(words > 100, "every line is drawn: {words}");
+    }
+
+    #[test]
+    fn many_doubts_leave_the_name_of_the_case() {
+        let mut made = contents(vec![Block::Heading("A page".into())]);
+        let doubt = "CLOSED: the archive has other pixels · SIDES IN DOUBT".repeat(4);
+        made.doubt = Some(doubt.clone());
+        let [page] = &pages(&made.pdf().unwrap())[..] else {
+            panic!("one page");
+        };
+        assert!(page.contains(&shown("Isocortex · A head · 0123abcd")));
+        let lines = Text::strong(&doubt).wrapped(EDGE, WIDTH_MM);
+        assert!(lines.len() > 1);
+        assert!(lines.iter().all(|line| line.width(EDGE) <= WIDTH_MM));
     }
 
     #[test]

@@ -73,15 +73,12 @@ pub async fn get_share(
         .await?;
     let query = report.query;
     let names_patient = query.patient;
-    let findings = match &report.reading {
-        Some((kept, _)) => kept.reading.findings.clone(),
-        None => cases.findings(&id).await?.list,
-    };
+    // It takes turns of its own.
+    let (report, findings) = cases.report_and_findings(&id, report).await?;
     let words = Words {
         query,
         findings,
-        // It takes turns of its own.
-        report: cases.report(&id, report).await?,
+        report,
     };
     // What is loaded is bounded by the turns. Nothing within one takes another.
     let turn = cases.queue.turn().await?;
