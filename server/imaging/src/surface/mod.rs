@@ -389,7 +389,22 @@ fn in_patient(
         let scanner = scanner.transform_point3(position);
         DVec3::new(-scanner.x, -scanner.y, scanner.z)
     };
-    Ok(surface.positions.iter().map(in_patient).collect())
+    let places: Vec<_> = surface.positions.iter().map(in_patient).collect();
+    if !places
+        .iter()
+        .all(|place| place.to_array().iter().all(is_near))
+    {
+        return Err(SurfaceError::Damaged {
+            part: "surface",
+            what: "its matrix puts a vertex further than 100 m away".to_owned(),
+        });
+    }
+    Ok(places)
+}
+
+/// Whether a coordinate in mm may be of a head. Comparisons with NaN fail.
+fn is_near(along: &f64) -> bool {
+    along.abs() < 1e5
 }
 
 /// How coordinates become scanner RAS. What the client states counts more than what the file does, for files are wrong about it.
@@ -458,8 +473,7 @@ fn checked(surface: Surface) -> Result<Surface, SurfaceError> {
         return damaged("a triangle names a vertex that it does not have");
     }
     let places = surface.positions.as_flattened();
-    // Comparisons with NaN fail.
-    if !places.iter().all(|along| along.abs() < 1e5) {
+    if !places.iter().all(|&along| is_near(&along.into())) {
         return damaged("a coordinate is not a number, or further than 100 m away");
     }
     Ok(surface)

@@ -326,6 +326,15 @@ fn gifti_is_placed_by_its_matrix_or_by_what_the_client_states() {
         &read_both(&both(&to_scanner), None).unwrap(),
         [5.0, -6.0, 7.0],
     );
+    // A matrix that leads out of all heads leads nowhere.
+    let far = "1e305 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1";
+    let far = both(&space(
+        "NIFTI_XFORM_UNKNOWN",
+        "NIFTI_XFORM_SCANNER_ANAT",
+        far,
+    ));
+    let refused = read_both(&far, None).unwrap_err();
+    assert!(refused.to_string().contains("100 m"), "{refused}");
     let unknown = both(&space("NIFTI_XFORM_UNKNOWN", "NIFTI_XFORM_UNKNOWN", moved));
     for file in [&unknown, &both("")] {
         let refused = read_both(file, None).unwrap_err();
