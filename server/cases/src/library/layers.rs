@@ -20,7 +20,7 @@ use crate::pictures::ready;
 use crate::profile::{ProfileLayer, SampledLayer};
 
 /// The colours of labels: after the last one, they begin again.
-const LABEL_COLORS: u16 = 255;
+pub(crate) const LABEL_COLORS: u16 = 255;
 
 /// The voxels of a layer and its facts.
 #[derive(Debug)]
