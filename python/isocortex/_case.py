@@ -386,7 +386,7 @@ class Case(Surface):
         rows = []
         for finding in self._connection.json(f"{self._path}/findings")["findings"]:
             points = np.array(finding["points_in_patient"], dtype=float)
-            rows.append({**finding, **_xyz(points.mean(axis=0)), "points_mm": flipped(points)})
+            rows.append({"is_unconfirmed": False, **finding, **_xyz(points.mean(axis=0)), "points_mm": flipped(points)})
         table: DataFrame = pandas("case.findings()").DataFrame(rows, columns=columns)
         return table
 
@@ -447,10 +447,15 @@ class Case(Surface):
         volume: as for :func:`isocortex.open`.
         parameters: those of the interface: `kind`, `"mr"` (the default), `"ct"` or `"pet"`, which are registered with
             the head, or `"map"` or `"labels"`, which lie where their header places them; `contrast="flair"`;
-            `unit="z"`; `transform="none"`.
+            `unit="z"`; `transform="none"`, or a rigid matrix (4, 4) from the scanner RAS of the layer to that of the
+            head.
 
-        Returns what the server states about it. If its place is in doubt, a warning says so.
+        Returns what the server states about it, with transforms in LPS. If its place is in doubt, a warning says so.
         """
+        transform = parameters.get("transform")
+        if transform is not None and not isinstance(transform, str):
+            flip = np.diag([-1.0, -1.0, 1.0, 1.0])
+            parameters["transform"] = (flip @ np.asarray(transform, dtype=float) @ flip).tolist()
         with opened(volume) as file:
             answer = upload(self._connection, f"{self._path}/layers", {"volume": file}, {"name": name, **parameters})
         layer = _wait(self._connection, f"{self._path}/layers/{answer['id']}", progress)

@@ -47,7 +47,8 @@ class Connection:
 
     def __init__(self, address: str, token: str | None, program: Program | None = None) -> None:
         self.address = address.rstrip("/")
-        self.token = token
+        # One that was read from a file ends with its line.
+        self.token = token.strip() if token else None
         self._client = self._new_client()
         self._pid = os.getpid()
         # The program that Python has started ends when nothing refers to it.

@@ -60,7 +60,8 @@ def opened(volume: Image) -> Iterator[IO[bytes]]:
         raise TypeError(f"a volume is a path or a nibabel image, not {type(volume).__name__}")
     if os.path.isdir(volume):
         with tempfile.TemporaryFile() as packed:
-            with zipfile.ZipFile(packed, "w") as folder:
+            # A file without a date has that of 1970, which a zip cannot state.
+            with zipfile.ZipFile(packed, "w", strict_timestamps=False) as folder:
                 for path, name in _files(Path(volume)):
                     folder.write(path, name)
             packed.seek(0)

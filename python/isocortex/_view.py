@@ -71,7 +71,8 @@ class View(_widget.AnyWidget):  # type: ignore[misc, name-defined]
         depth_mm = float(proposal["value"])
         if not (math.isfinite(depth_mm) and depth_mm >= 0):
             raise traitlets.TraitError(f"a depth is 0 mm or more, not {depth_mm:g}")
-        return min(depth_mm, self._case.max_depth_mm)
+        # As exact as the page, which would change it otherwise.
+        return min(round(depth_mm, 2), math.floor(100 * self._case.max_depth_mm) / 100)
 
     @traitlets.validate("surface")
     def _surface_of_case(self, proposal: Any) -> str:

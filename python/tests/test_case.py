@@ -61,6 +61,16 @@ def test_a_layer_is_shown_and_measured(case, folder):
     assert case.picture(8.0, layer="twice/?").size == (512, 512)
 
 
+def test_a_layer_lies_where_a_matrix_in_ras_puts_it(case, folder):
+    head = nib.load(folder / "head.nii.gz")
+    to_the_right = np.eye(4)
+    to_the_right[0, 3] = 5
+    layer = case.add_layer(
+        nib.Nifti1Image(np.asarray(head.dataobj), head.affine), "moved", kind="map", transform=to_the_right
+    )
+    assert layer["case_from_layer"][0] == [1, 0, 0, -5]
+
+
 def test_labels_have_the_values_of_their_file(case, folder):
     head = nib.load(folder / "head.nii.gz")
     labels = np.zeros(head.shape, np.int32)

@@ -88,6 +88,7 @@ def test_a_finding_on_the_left_is_read_there(case):
         again = {"If-Match": written.headers["ETag"]}
         case._connection.send("PUT", path, json={"findings": []}, headers=again)
     assert found["side"] == "left" and found["label"] == "ball"
+    assert not found["is_unconfirmed"] and not found["is_dismissed"]
     np.testing.assert_array_equal(found[["x_mm", "y_mm", "z_mm"]].astype(float), LEFT_MM)
     np.testing.assert_array_equal(found["points_mm"], [LEFT_MM])
 
