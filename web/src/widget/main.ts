@@ -52,6 +52,10 @@ class View {
   #isMoving = false;
   /** The overlay that was asked for last. */
   #asked: string | null = null;
+  /** What is wrong with the picture, and with what lies over it. */
+  #told = { picture: "", overlay: "" };
+  /** Whether Python is just being told what a hand has changed. */
+  #isSaying = false;
 
   constructor(model: Model, shown: ReadyCase) {
     this.#model = model;
@@ -92,7 +96,7 @@ class View {
     );
     this.#cortex = new Cortex(host, shown, {
       onDrawn: (state) => this.#write(state),
-      onStatus: ({ trouble }) => tell(this.#trouble, trouble),
+      onStatus: ({ trouble }) => this.#tell({ ...this.#told, picture: trouble }),
       layer: (name) => this.#layers.voxels(name),
       noPart: (problem) => this.#complain(problem),
       serverOnly: false,
@@ -142,7 +146,13 @@ class View {
   }
 
   #complain(problem: unknown): void {
-    tell(this.#trouble, problemWords(problem));
+    this.#tell({ ...this.#told, overlay: problemWords(problem) });
+  }
+
+  /** Says what is wrong with the picture, and what with what lies over it. */
+  #tell(told: { readonly picture: string; readonly overlay: string }): void {
+    this.#told = told;
+    tell(this.#trouble, [told.picture, told.overlay].filter(Boolean).join(" "));
   }
 
   #draw(): void {
@@ -156,12 +166,15 @@ class View {
     this.#draw();
     const said = { depth_mm: this.#state.depth_mm, view: viewName(this.#state.orientation) };
     const changed = Object.entries(said).filter(([name, value]) => this.#model.get(name) !== value);
+    this.#isSaying = true;
     for (const [name, value] of changed) this.#model.set(name, value);
+    this.#isSaying = false;
     if (changed.length > 0) this.#model.save_changes();
   }
 
   /** Python has changed a trait, or this view's own hand, which changes nothing. */
   readonly #follow = (): void => {
+    if (this.#isSaying) return;
     const view = this.#model.get("view") as ViewName | null;
     const overlay = this.#model.get("overlay") as string | null;
     this.#state = {
@@ -173,6 +186,7 @@ class View {
       ...(overlay === null && { overlay: null }),
     };
     this.#draw();
+    if (overlay === null && this.#asked !== null) this.#tell({ ...this.#told, overlay: "" });
     if (overlay !== null && overlay !== this.#asked) void this.#lay(overlay);
     this.#asked = overlay;
   };
@@ -192,7 +206,7 @@ class View {
   #overlayOf(name: string): LayerOverlay | null {
     const found = this.#layers.list.peek()?.layers.find((layer) => layer.name === name || layer.id === name);
     const ready = found && this.#layers.ready(found.id);
-    tell(this.#trouble, ready ? "" : (found?.reason ?? t("problem.no-such-layer")));
+    this.#tell({ ...this.#told, overlay: ready ? "" : (found?.reason ?? t("problem.no-such-layer")) });
     if (!ready) return null;
     if (isMap(ready.id)) return firstOverlay(ready.id);
     return { ...overlayOf(ready), about: { ...styleOfLayer(ready), title: ready.name, origin: "" } };
