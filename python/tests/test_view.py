@@ -44,7 +44,8 @@ def test_python_sets_and_watches_the_traits(view, case):
     view.set_state({"view": None})
     assert heard == [("depth_mm", 12.0), ("depth_mm", 20.5), ("view", None)]
     view.depth_mm = 500
-    assert view.depth_mm == case.max_depth_mm
+    # As exact as the page.
+    assert 0 <= case.max_depth_mm - view.depth_mm < 0.01
     view.overlay, view.surface = "blur", "left"
     # The notebook keeps no facts of the head, and no token.
     state = {name: value for name, value in view.get_state().items() if name != "_esm"}
