@@ -14,7 +14,6 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-pub(crate) use self::layers::LABEL_COLORS;
 pub use self::layers::LayerVoxels;
 pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;

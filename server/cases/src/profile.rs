@@ -11,7 +11,7 @@ use pipeline::maps::{JunctionWidth, mirror_plane, side_at, width_table};
 use serde::Serialize;
 
 use crate::error::Error;
-use crate::library::{LABEL_COLORS, LoadedMaps};
+use crate::library::LoadedMaps;
 use crate::models::WarmModel;
 
 /// The distance from one sample to the next, in mm.
@@ -64,15 +64,6 @@ pub struct ProfileLayer {
 pub struct SampledLayer {
     pub about: ProfileLayer,
     pub layer: Arc<render::Layer>,
-}
-
-impl SampledLayer {
-    /// Its value at a position (LPS, mm); of labels, which of the list it is, from 1. Labels that share colours, which are drawn from so many,
-    /// cannot be told by them and have none.
-    fn value_at(&self, position: DVec3) -> Option<f32> {
-        let is_told = self.about.labels.len() <= usize::from(LABEL_COLORS);
-        self.layer.value_at(position).filter(|_| is_told)
-    }
 }
 
 /// A point and the profile through it.

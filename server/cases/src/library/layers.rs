@@ -5,6 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use case::{CaseFacts, CaseState, Failure, Layer as LayerRow, LayerFacts, LayerKind, ObjectKind};
 use geometry::{Envelope, Volume};
+use glam::DVec3;
 use pipeline::codec::decode_volume;
 use pipeline::layers::{
     LayerCase, LayerSource, PreparedLayer, UNDEFINED_CODE, decode_layer, prepare_layer,
@@ -20,7 +21,7 @@ use crate::pictures::ready;
 use crate::profile::{ProfileLayer, SampledLayer};
 
 /// The colours of labels: after the last one, they begin again.
-pub(crate) const LABEL_COLORS: u16 = 255;
+const LABEL_COLORS: u16 = 255;
 
 /// The voxels of a layer and its facts.
 #[derive(Debug)]
@@ -88,6 +89,15 @@ fn label_color(code: u16) -> u8 {
     match code.checked_sub(1) {
         Some(number) => (number % LABEL_COLORS) as u8 + 1,
         None => 0,
+    }
+}
+
+impl SampledLayer {
+    /// Its value at a position (LPS, mm); of labels, which of the list it is, from 1. It is sampled as it is drawn, so more labels than there are
+    /// colours cannot be told, and have no value.
+    pub(crate) fn value_at(&self, position: DVec3) -> Option<f32> {
+        let is_told = self.about.labels.len() <= usize::from(LABEL_COLORS);
+        self.layer.value_at(position).filter(|_| is_told)
     }
 }
 
