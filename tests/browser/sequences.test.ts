@@ -238,7 +238,7 @@ test("slices in one plane lie alike under a hand, and keep their zoom when their
       .locator(".slices .slice .cursor >> visible=true")
       .evaluateAll((all) => all.map((one) => (one as SVGElement).style.left));
   const [before] = await crosses();
-  await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+  await page.mouse.click(box.x + 0.6 * box.width, box.y + 0.45 * box.height);
   await until(crosses, (all) => all.length === 3 && new Set(all).size === 1 && all[0] !== before);
   assert.equal(new Set(await sources()).size, 1);
   await page.locator("#planes").selectOption({ label: "Three planes" });
