@@ -283,8 +283,8 @@ fn shown_patient(attributes: &Attributes) -> ShownPatient {
     }
 }
 
-/// The acquired layer to show beside the anatomy, and how far its place can be trusted: the FLAIR that has the map, then another FLAIR, one
-/// whose place was checked before one whose was not, and none that certainly lies elsewhere.
+/// The acquired layer to show beside the anatomy, and how far its place can be trusted. The FLAIR that has the map comes first, then other FLAIRs,
+/// then other layers. Of equals, a layer whose place was checked comes first. A layer that certainly lies elsewhere is never shown.
 fn beside(layers: &[Layer], mapped: Option<LayerId>) -> Option<(&Layer, QualityState)> {
     let usable = layers.iter().filter_map(|layer| {
         let quality = ready(layer).ok()?.placement.quality;

@@ -19,15 +19,13 @@ import { perform } from "../store/commands.ts";
 import { holder, mayWrite } from "../store/holder.ts";
 import { followPerson, isKept } from "../store/person.ts";
 import { choose, preferences, unfold } from "../store/preferences.ts";
-import { isFinal } from "../store/sync.ts";
+import { AGAIN_MS, isFinal } from "../store/sync.ts";
 import { askDropped, confirmDelete, helpDialog } from "./dialogs.tsx";
 import { Upload } from "./upload.tsx";
 import { Viewer } from "./viewer.tsx";
 
 /** Below this width the list lies over the picture, as in the style sheet. */
 const BESIDE_PIXELS = 700;
-/** How long to wait for a server that does not answer, in ms. */
-const AGAIN_MS = 5000;
 const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
 
 export class App {

@@ -7,17 +7,15 @@ import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
-import type { CandidateList, ListingMap, MapName } from "../model/maps.ts";
+import type { CandidateList, ListingMap } from "../model/maps.ts";
 import { layerSampler } from "../model/sampler.ts";
 import { MOST_SHOWN } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
-import { isFinal } from "./sync.ts";
+import { AGAIN_MS, isFinal } from "./sync.ts";
 import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
 
 /** How long to wait before asking again while layers are being made, in ms. */
 const WAIT_MS = 1000;
-/** How long to wait for a server that does not answer, in ms. */
-const AGAIN_MS = 5000;
 /** As many as are asked for. */
 const CANDIDATES = 20;
 
@@ -44,7 +42,7 @@ export class CaseLayers {
   }
 
   /** Why a map cannot be shown, in words; empty: it can, or it is not known yet. */
-  whyNone(map: MapName): string {
+  whyNone(map: string): string {
     const { state, reason = "", reason_code } = this.list.value?.layers.find(({ id }) => id === map) ?? {};
     if (state === "off") return t("maps.off");
     if (state !== "undefined") return "";

@@ -150,9 +150,8 @@ export class Places {
       if (flair?.of_layer !== this.#flairOf)
         for (const one of this.lists) if (one.map === "flair") one.list.value = null;
       this.#flairOf = flair?.of_layer;
-      const { state, reason = "", reason_code } = first;
-      if (state === "undefined") this.said.value = t("maps.undefined", { reason: reasonIn(reason, reason_code) });
-      else this.said.value = state === "ready" ? "" : t(state === "off" ? "maps.off" : "maps.making");
+      const { id, state } = first;
+      this.said.value = this.#layers.whyNone(id) || (state === "ready" ? "" : t("maps.making"));
       if (state !== "ready") return;
       for (const one of this.lists) if (!one.isAsked && ASKED.has(`${this.#id} ${one.map}`)) void this.ask(one);
     });

@@ -8,7 +8,7 @@ import { problemWords } from "../base/problem-words.ts";
 
 /** How long the hand may rest before a change is sent, and before it is sent again to a server that does not answer, in ms. */
 const REST_MS = 500;
-const AGAIN_MS = 5000;
+export const AGAIN_MS = 5000;
 /** How often what others have changed meanwhile is joined and sent again at once. */
 const MOST_CONFLICTS = 5;
 

@@ -384,7 +384,7 @@ mod tests {
         assert!(other.iter().all(is_there));
         let readme = std::fs::read_to_string(root.join("README.md")).unwrap();
         assert_eq!(readme, "mine");
-        // Without its description, nobody knows whose it is.
+        // If the description is missing, the folder may belong to another program.
         std::fs::remove_file(root.join("dataset_description.json")).unwrap();
         let opened = Derivatives::open(&root, folder.path(), &MadeWith::new("0", None, ""));
         assert!(matches!(opened, Err(OutputError::Undescribed { .. })));
