@@ -14,7 +14,7 @@ import numpy as np
 
 from ._extras import nibabel, pandas, pillow
 from ._freesurfer import write_subject
-from ._http import Bar, Connection, IsocortexError, flipped, warn
+from ._http import FLIP, Bar, Connection, IsocortexError, flipped, warn
 from ._upload import opened, upload
 
 if TYPE_CHECKING:
@@ -454,8 +454,7 @@ class Case(Surface):
         """
         transform = parameters.get("transform")
         if transform is not None and not isinstance(transform, str):
-            flip = np.diag([-1.0, -1.0, 1.0, 1.0])
-            parameters["transform"] = (flip @ np.asarray(transform, dtype=float) @ flip).tolist()
+            parameters["transform"] = (FLIP @ np.asarray(transform, dtype=float) @ FLIP).tolist()
         with opened(volume) as file:
             answer = upload(self._connection, f"{self._path}/layers", {"volume": file}, {"name": name, **parameters})
         layer = _wait(self._connection, f"{self._path}/layers/{answer['id']}", progress)

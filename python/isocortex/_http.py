@@ -139,6 +139,10 @@ def _words(query: Mapping[str, object]) -> dict[str, str]:
     return {name: word(value) for name, value in query.items() if value is not None}
 
 
+FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""From LPS to RAS, and back."""
+
+
 def flipped(positions: ArrayLike) -> NDArray[Any]:
     """Positions in RAS mm from LPS mm, or the other way round: x and y change their sign. The last axis is x, y, z."""
     positions = np.asarray(positions)

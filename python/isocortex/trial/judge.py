@@ -107,7 +107,7 @@ def judge(marks: Marks, lesions: Lesions, plane: Plane, places: Floats, rules: R
     return JudgedHead(judged, marks.scores.tolist(), marks.scores[is_false].tolist())
 
 
-def marks_of_file(path: Path, heads: Sequence[str], folders: Sequence[str] = ()) -> MarkList:
+def marks_of_file(path: Path, heads: Sequence[str], folders: Sequence[str]) -> MarkList:
     """The marks of another program: a table with the columns participant_id, x, y, z (scanner RAS mm) and score.
 
     heads: those of the trial.
@@ -128,7 +128,7 @@ def marks_of_file(path: Path, heads: Sequence[str], folders: Sequence[str] = ())
                 values.append(np.nan)
             if not np.isfinite(values[-1]):
                 raise IsocortexError(f"row {number} of {path}: {column} must be a number")
-        head = same_head(row.id, folders or heads)
+        head = same_head(row.id, folders)
         if head and head in found:
             found[head].append(values)
         else:

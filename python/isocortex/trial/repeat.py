@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .. import Case, IsocortexError, Server, start
+from .._http import FLIP
 from .judge import Marks, Plane
 from .selection import entity, heads_of
 from .truth import RULES, moved
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 # How many of the first places of each scan are compared, and how many a head lists at most.
 FIRST, LISTED = (1, 5, 20), 60
 UNUSUAL_ABOVE = 2.25
-# From LPS to RAS, and back.
-FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 class Pair(NamedTuple):
